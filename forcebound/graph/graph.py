@@ -21,7 +21,6 @@ from forcebound.haptics.controllers import CONTROLLERS, ControllerModel
 from forcebound.haptics.devices import DEVICES, DeviceModel
 from forcebound.haptics.environments import ENVIRONMENTS, EnvironmentModel
 from forcebound.haptics.environments.fixtures import Fixtures, WithFixtures
-from forcebound.haptics.environments.ported import WithPorts
 from forcebound.haptics.hands import OPERATORS, Operator
 from forcebound.haptics.laws import Dissipation
 from forcebound.haptics.parts import Table
@@ -313,14 +312,6 @@ class GraphConfig:
         """True if a launcher starts the environment on this machine."""
         remotes = [hand.remote for hand in self.hands_here.values()]
         return any(remote is None or remote.local for remote in remotes)
-
-    @property
-    def served(self) -> EnvironmentModel:
-        """The environment with its fixtures, behind the second ports of the controllers."""
-        served = self.environment.served
-        models = {name: hand.controller for name, hand in self.hands.items()}
-        ports = {name: model for name, model in models.items() if model.port_signals}
-        return WithPorts(served, ports) if ports else served
 
     @property
     def served_elsewhere(self) -> Mapping[str, RemoteConfig]:

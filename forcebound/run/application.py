@@ -86,11 +86,11 @@ def _refusing(place: str) -> Iterator[None]:
 
 def _apply(changed: Parameters, new: GraphConfig, graph: Runner | Simulation) -> None:
     names = [ParameterName.parse(name) for name in changed]
-    computation = new.environment.computation
+    environment, computation = new.environment, new.environment.computation
     if any(name.section == "environment" for name in names):  # first, since it may be refused
         for node in graph.nodes:
             if isinstance(node, EnvironmentNode):
-                node.set(new.served, computation, trace_of(computation))
+                node.set(environment.served, computation, trace_of(computation))
     for hand, topic in sorted(
         {(name.hand, name.topic) for name in names if name.topic is not None}
     ):

@@ -22,6 +22,7 @@ from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
+from forcebound.nodes.ports import Ports
 from forcebound.recordings.delay_traces import trace_of
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
 from forcebound.run.bus import reads_once
@@ -48,11 +49,14 @@ def build_node(
     """
     node = config.graph.nodes[name]
     if node.role == ENVIRONMENT:
-        model, computation = config.served, config.environment.computation
+        model, computation = config.environment.served, config.environment.computation
         seed = link_seed(config.seed, "computation")
         times = ComputationTime(computation, seed, trace_of(computation))
         axes = next(iter(config.hands.values())).axes  # all have as many
-        return EnvironmentNode(model, times, environment_name, axes, list(config.hands))
+        models = {name: hand.controller for name, hand in config.hands.items()}
+        models = {name: model for name, model in models.items() if model.port_signals}
+        ports = Ports(models, axes) if models else None
+        return EnvironmentNode(model, times, environment_name, axes, list(config.hands), ports)
     hand_name = node.hand or HAND
     hand = config.hands[hand_name]
     if node.role == DEVICE:

@@ -41,20 +41,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.haptics.controllers import Controller, ControllerModel
+from forcebound.haptics.controllers import Ask, Controller, ControllerModel, SecondPort
 from forcebound.haptics.controllers.plane import along, dot
-from forcebound.haptics.parts.ports import Ask, SecondPort
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import DeviceState, EnvironmentQuery, EnvironmentReply, Vector
 from forcebound.quantities import POSITIVE, Ranged, Time
 
 MAX_DAMPING = 30.0  # N s/m, as of the law `tdpa`
-
-PORT_SIGNALS = (
-    Signal("port_energy_in", "J", "into the network, at the environment"),
-    Signal("port_energy_out", "J", "out of the network, at the environment"),
-    Signal("drift", "m", "of the environment's place behind the hand's"),
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,33 +68,26 @@ class TdpaTwoPort(Ranged, ControllerModel):
         Signal("energy_in", "J", "into the network, at the hand"),
         Signal("energy_out", "J", "out of the network, at the hand"),
     )
-    port_signals = PORT_SIGNALS
+    port_signals = (
+        Signal("port_energy_in", "J", "into the network, at the environment"),
+        Signal("port_energy_out", "J", "out of the network, at the environment"),
+        Signal("drift", "m", "from the hand's place, as it was sent, to the environment's"),
+    )
 
     def open(self, axes: int) -> "HandPort":
-        return HandPort(self, axes)
+        return HandPort(self.hold, axes)
 
     def open_port(self, axes: int) -> "EnvironmentPort":
         return EnvironmentPort(self.drift_compensation, axes)
 
 
+@dataclass
 class Book:
-    """The energies of one port, in J."""
+    """The energies of one port, and E_in of the other one, in J."""
 
-    def __init__(self) -> None:
-        self.entered = self.left = 0.0  # E_in, E_out
-        self._base: float | None = None  # E_in of the other port when it was first heard of
-        self._other = 0.0  # its largest one
-
-    def hear(self, entered: float) -> None:
-        """Take in E_in of the other port."""
-        if self._base is None:
-            self._base = entered
-        self._other = max(self._other, entered - self._base)
-
-    @property
-    def rest(self) -> float:
-        """What may still come out."""
-        return self._other - self.left
+    entered: float = 0.0
+    left: float = 0.0
+    other: float = 0.0
 
     def add(self, entering: float) -> None:
         """Enter what one step put in, or took out if it is negative."""
@@ -110,56 +96,52 @@ class Book:
 
     def limited(self, effort: Vector, flow: Vector) -> Vector:
         """Return an effort that along a flow takes no more out than there is."""
-        lack, squared = -dot(effort, flow) - max(self.rest, 0.0), dot(flow, flow)
+        lack = -dot(effort, flow) - max(self.other - self.left, 0.0)
+        squared = dot(flow, flow)
         return along(effort, flow, lack / squared) if lack > 0.0 and squared > 0.0 else effort
 
 
 class HandPort(Controller):
     """The port at the hand."""
 
-    def __init__(self, model: TdpaTwoPort, axes: int) -> None:
-        self._hold_ns, self._zero = round(model.hold * 1e9), (0.0,) * axes
+    def __init__(self, hold: float, axes: int) -> None:
+        self._hold_ns, self._zero = round(hold * 1e9), (0.0,) * axes
+        self._book, self._environment = Book(), ""
         self._state: DeviceState | None = None
-        self._velocity, self._dt = self._zero, 0.0  # of the newest state
-        self._begin("")
-
-    def _begin(self, environment: str) -> None:
-        self._environment, self._book = environment, Book()
-        self._heard_ns: int | None = None
-        self._answer = self._zero  # of the environment, N
-        self._held = self._zero  # force until the next state, N
+        self._dt, self._heard_ns = 0.0, 0
+        self._answer = self._held = self._zero  # of the environment; on the hand, N
 
     def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
         """Close the last tick's books; return the force of this one."""
         before, self._state = self._state or state, state
-        self._velocity, self._dt = state.velocity, (state.time_ns - before.time_ns) * 1e-9
+        self._dt = (state.time_ns - before.time_ns) * 1e-9
         self._book.add(dot(self._held, along(state.position, before.position, -1.0)))
+        self.signal_all(("energy_in", "energy_out"), (self._book.entered, self._book.left))
+        if self._environment and time_ns - self._heard_ns <= self._hold_ns:
+            return self._force(state)
         self._held = self._zero
-        self.signal("energy_in", self._book.entered)
-        self.signal("energy_out", self._book.left)
-        if self._heard_ns is None or time_ns - self._heard_ns > self._hold_ns:
-            return None
-        return self._force()
+        return None
 
     def query(self, state: DeviceState) -> tuple[Vector, Vector]:
         return state.position, state.velocity
 
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector | None:
         """Take the answer; return the force if it answers the newest state."""
-        if reply.environment != self._environment:
-            self._begin(reply.environment)
-        self._heard_ns, self._answer = time_ns, reply.force
+        self._heard_ns, self._answer, book = time_ns, reply.force, self._book
         if isinstance(reply.signals, Mapping):
-            self._book.hear(reply.signals.get("port_energy_in", 0.0))
-        is_newest = self._state is not None and reply.device_seq == self._state.seq
-        return self._force() if is_newest else None
+            book.other = max(book.other, reply.signals["port_energy_in"])
+            if reply.environment != self._environment:  # it has begun to count
+                book.left = book.other = reply.signals["port_energy_in"]
+                self._environment = reply.environment
+        state = self._state
+        return self._force(state) if state and state.seq == reply.device_seq else None
 
-    def _force(self) -> Vector:
-        step = along(self._zero, self._velocity, self._dt)
-        self._held = self._book.limited(self._answer, step)
-        if (debt := -self._book.rest) > 0.0 and (squared := dot(step, step)) > 0.0:
-            damping = min(debt * self._dt / squared, MAX_DAMPING)
-            self._held = along(self._held, self._velocity, damping)
+    def _force(self, state: DeviceState) -> Vector:
+        step, book = along(self._zero, state.velocity, self._dt), self._book
+        self._held = book.limited(self._answer, step)
+        if book.left > book.other and (squared := dot(step, step)) > 0.0:
+            damping = min((book.left - book.other) * self._dt / squared, MAX_DAMPING)
+            self._held = along(self._held, state.velocity, damping)
         return self._held
 
 
@@ -167,31 +149,28 @@ class EnvironmentPort(SecondPort):
     """The port at the environment."""
 
     def __init__(self, compensates: bool, axes: int) -> None:
-        self._compensates = compensates
-        self._book = Book()
-        self._newest: EnvironmentQuery | None = None
-        self._place: Vector = ()  # where the environment is asked, m
-        self._still: Vector = (0.0,) * axes
-        self._force = self._still  # its last answer, N
+        self._compensates, self._zero, self._book = compensates, (0.0,) * axes, Book()
+        self._before: EnvironmentQuery | None = None
+        self._place = self._force = self._zero  # where the environment was asked, m; its answer, N
 
-    def answer(self, query: EnvironmentQuery, ask: Ask) -> tuple[Vector, Mapping[str, float]]:
+    def answer(
+        self, query: EnvironmentQuery, signals: Mapping[str, float], ask: Ask
+    ) -> tuple[Vector, Mapping[str, float]]:
         """Move by the hand's step, as far as the energy goes."""
-        before, book = self._newest or query, self._book
-        if self._newest is None:
-            self._place = query.position
-        if self._newest is None or query.seq > before.seq:
-            self._newest = query
-            assert isinstance(query.signals, Mapping)
-            book.hear(query.signals.get("energy_in", 0.0))
-            start = self._place if self._compensates else before.position
-            wanted = along(query.position, start, -1.0)
-            step = book.limited(wanted, along(self._still, self._force, -1.0))
-            book.add(-dot(step, self._force))
-            self._place = along(self._place, step, 1.0)
-            dt = (query.device_time_ns - before.device_time_ns) * 1e-9
-            held_back = along(step, along(query.position, before.position, -1.0), -1.0)
-            velocity = along(query.velocity, held_back, 1.0 / dt if dt > 0.0 else 0.0)
-            self._force = ask(self._place, velocity)
-        drift = math.dist(self._newest.position, self._place)
-        numbers = (book.entered, book.left, drift)
-        return self._force, dict(zip([each.name for each in PORT_SIGNALS], numbers, strict=True))
+        before, book = self._before or query, self._book
+        if self._before is None:  # the hand may have counted for another environment
+            self._place, book.left = query.position, signals["energy_in"]
+        self._before, book.other = query, max(book.other, signals["energy_in"])
+        start = self._place if self._compensates else before.position
+        step = book.limited(
+            along(query.position, start, -1.0), along(self._zero, self._force, -1.0)
+        )
+        book.add(-dot(step, self._force))
+        self._place = along(self._place, step, 1.0)
+        dt = (query.device_time_ns - before.device_time_ns) * 1e-9
+        changed = along(along(step, query.position, -1.0), before.position, 1.0)
+        velocity = along(query.velocity, changed, 1.0 / dt if dt > 0.0 else 0.0)
+        self._force = ask(self._place, velocity)
+        drift = math.dist(query.position, self._place)
+        sent = {"port_energy_in": book.entered, "port_energy_out": book.left, "drift": drift}
+        return self._force, sent

@@ -43,10 +43,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
-from forcebound.haptics.controllers import Controller, ControllerModel
+from forcebound.haptics.controllers import Ask, Controller, ControllerModel, SecondPort
 from forcebound.haptics.controllers.estimating import REMEMBERED
 from forcebound.haptics.controllers.plane import along, dot
-from forcebound.haptics.parts.ports import Ask, SecondPort
 from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import DeviceState, EnvironmentQuery, EnvironmentReply, Vector
 from forcebound.quantities import POSITIVE, Damping, Frequency, Ranged, Time
@@ -92,73 +91,63 @@ class HandPort(Controller):
 
     def __init__(self, model: WaveVariables, axes: int) -> None:
         self._model, self._zero = model, (0.0,) * axes
+        self._root = math.sqrt(2.0 * model.impedance)
         self._sent: dict[int, tuple[Vector, float]] = {}  # u and its time, s, by tick
         self._arrived, self._time = self._zero, 0.0  # sum of w dt, and of dt, since the last state
-        self._back = self._zero  # w after the low-pass
-        self._wave = self._zero  # u of the newest state
-        self._before_ns = self._heard_ns = -1
+        self._back = self._wave = self._zero  # w after the low-pass, u
+        self._before_ns, self._heard_ns = 0, -1
         self._entered = self._left = 0.0  # J
 
     def on_state(self, state: DeviceState, time_ns: int) -> Vector | None:
         """Take what has arrived; return the force, and make the wave to send."""
-        b, root = self._model.impedance, math.sqrt(2.0 * self._model.impedance)
-        dt = max(state.time_ns - self._before_ns, 0) * 1e-9 if self._before_ns >= 0 else 0.0
-        self._before_ns = state.time_ns
-        share = 1.0 / math.sqrt(self._time * dt) if self._time * dt > 0.0 else 0.0
+        dt = max(state.time_ns - self._before_ns, 0) * 1e-9 if self._before_ns else 0.0
         angle = 2.0 * math.pi * self._model.cutoff * dt
-        change = along(along(self._zero, self._arrived, share), self._back, -1.0)
-        self._back = along(self._back, change, angle / (1.0 + angle))
-        self._arrived, self._time = self._zero, 0.0
-        self._wave = along(along(self._zero, self._back, -1.0), state.velocity, root)
+        scale = angle / (1.0 + angle) / math.sqrt(self._time * dt) if self._time * dt > 0.0 else 0.0
+        kept = along(self._zero, self._back, 1.0 / (1.0 + angle))
+        self._back = along(kept, self._arrived, scale)
+        self._wave = along(along(self._zero, self._back, -1.0), state.velocity, self._root)
+        self._arrived, self._time, self._before_ns = self._zero, 0.0, state.time_ns
         self._entered += 0.5 * dot(self._wave, self._wave) * dt
         self._left += 0.5 * dot(self._back, self._back) * dt
         self._sent[state.seq] = self._wave, dt
         if len(self._sent) > REMEMBERED:
             del self._sent[next(iter(self._sent))]
-        self.signal_all(
-            [each.name for each in self._model.signals], (dt, self._entered, self._left)
-        )
+        self.signal_all([one.name for one in self._model.signals], (dt, self._entered, self._left))
         if self._heard_ns < 0 or time_ns - self._heard_ns > self._model.hold * 1e9:
             return None
-        return along(along(self._zero, state.velocity, b), self._back, -root)
+        resisting = along(self._zero, state.velocity, self._model.impedance)
+        return along(resisting, self._back, -self._root)
 
     def query(self, state: DeviceState) -> tuple[Vector, Vector]:
-        """Return the hand's position, from which the environment's begins, and the wave."""
-        root = math.sqrt(2.0 / self._model.impedance)
-        return state.position, along(self._zero, self._wave, root)
+        """Return the hand's position, where the environment's begins, and the wave, in m/s."""
+        return state.position, along(self._zero, self._wave, self._root / self._model.impedance)
 
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> None:
         """Take the wave that comes back, once."""
         self._heard_ns = time_ns
-        sent = self._sent.pop(reply.device_seq, None)
-        if sent is not None:
-            wave, dt = sent
-            back = along(wave, reply.force, -math.sqrt(2.0 / self._model.impedance))
-            self._arrived = along(self._arrived, back, dt)
-            self._time += dt
+        wave, dt = self._sent.pop(reply.device_seq, (self._zero, 0.0))
+        back = along(wave, reply.force, -self._root / self._model.impedance)
+        self._arrived = along(self._arrived, back, dt)
+        self._time += dt
 
 
 class EnvironmentPort(SecondPort):
     """The port at the environment."""
 
     def __init__(self, impedance: float, axes: int) -> None:
-        self._impedance = impedance
-        self._zero: Vector = (0.0,) * axes
-        self._place: Vector = ()  # of the environment's end, m
-        self._seen: dict[int, None] = {}  # queries
-        self._share = 1.0  # of the force of a free step that remains, at the last contact
+        self._impedance, self._zero = impedance, (0.0,) * axes
+        self._place: Vector | None = None  # of the environment's end, m
+        self._share = 1.0  # of the force of a free step that remained at the last contact
         self._entered = self._left = 0.0  # J
 
-    def answer(self, query: EnvironmentQuery, ask: Ask) -> tuple[Vector, Mapping[str, float]]:
-        """Move with the wave; a query that comes twice does not count again."""
-        b, free = self._impedance, query.velocity  # v_e without a force
-        assert isinstance(query.signals, Mapping)
-        dt = 0.0 if query.seq in self._seen else query.signals.get("wave_time", 0.0)
-        self._seen[query.seq] = None
-        if len(self._seen) > REMEMBERED:
-            del self._seen[next(iter(self._seen))]
-        force, velocity = self._step(free, dt, ask, self._place or query.position)
-        self._place = along(self._place or query.position, velocity, dt)
+    def answer(
+        self, query: EnvironmentQuery, signals: Mapping[str, float], ask: Ask
+    ) -> tuple[Vector, Mapping[str, float]]:
+        """Move with the wave."""
+        b, dt, free = self._impedance, signals["wave_time"], query.velocity  # v_e without a force
+        place = query.position if self._place is None else self._place
+        force, velocity = self._step(free, dt, ask, place)
+        self._place = along(place, velocity, dt)
         back = along(free, force, -2.0 / b)  # sqrt(2 / b) w
         self._left += 0.25 * b * dot(free, free) * dt
         self._entered += 0.25 * b * dot(back, back) * dt

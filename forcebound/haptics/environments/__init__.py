@@ -26,7 +26,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.parts import PartShape, Table, overridden
 from forcebound.haptics.parts.signals import Publisher, Publishing
 from forcebound.haptics.parts.user_module import describe_user_error
-from forcebound.messages.packets import Contact, EnvironmentQuery, SceneObject, Vector
+from forcebound.messages.packets import Contact, SceneObject, Vector
 
 
 def check_hand(name: str, hands: tuple[str, ...], field: str) -> None:
@@ -77,9 +77,6 @@ class Environment(Publisher, ABC):
             measured_force: Of the hand on the tip, by a force sensor, in N, one entry per axis;
                 positive into the environment. None: it has no sensor.
         """
-
-    def take_query(self, query: EnvironmentQuery) -> None:
-        """Take the query that the next :meth:`force` answers, as it was received."""
 
     def leave(self, user: str) -> None:
         """Let the contact of a hand give no force to others: its queries have ended.

@@ -14,11 +14,16 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Annotated, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 from forcebound.errors import ConfigError
-from forcebound.haptics.environments import Environment, EnvironmentModel, check_hand
-from forcebound.haptics.environments.wrapped import Wrapped
+from forcebound.haptics.environments import (
+    Environment,
+    EnvironmentModel,
+    change_environment,
+    check_hand,
+    open_environment,
+)
 from forcebound.haptics.geometry.triangles import closest_on_segment
 from forcebound.haptics.geometry.vectors import (
     Vector3,
@@ -33,7 +38,7 @@ from forcebound.haptics.geometry.vectors import (
     z_onto,
 )
 from forcebound.haptics.parts.signals import Signal
-from forcebound.messages.packets import SceneObject, Vector
+from forcebound.messages.packets import Contact, SceneObject, Vector
 from forcebound.messages.topology import HAND
 from forcebound.quantities import (
     NOT_NEGATIVE,
@@ -350,20 +355,46 @@ class WithFixtures(EnvironmentModel):
         return _Guided(self, axes)
 
 
-class _Guided(Wrapped):
+class _Guided(Environment):
     def __init__(self, model: WithFixtures, axes: int) -> None:
-        super().__init__(model.model, axes)
-        self._model = model
+        self._model, self._axes = model, axes
+        self._users: Collection[str] = ()
+        self._opened = open_environment(model.model, axes)
+        self.published = self._opened.published
 
     def force(self, user: str, position: Vector, velocity: Vector, elapsed: float) -> Vector:
-        force = super().force(user, position, velocity, elapsed)
+        force = self._opened.force(user, position, velocity, elapsed)
         more = cut(self._model.fixtures.on(user, pad3(position), pad3(velocity)), self._axes)
         return tuple([one + other for one, other in zip(force, more, strict=True)])
 
+    def expect(self, users: Collection[str]) -> None:
+        self._users = users
+        self._opened.expect(users)
+
+    def take_readings(self, user: str, buttons: int | None, measured_force: Vector | None) -> None:
+        self._opened.take_readings(user, buttons, measured_force)
+
+    def leave(self, user: str) -> None:
+        self._opened.leave(user)
+
+    def contact(self, user: str) -> Contact | None:
+        return self._opened.contact(user)
+
     def scene(self) -> tuple[SceneObject, ...]:
-        return (*(super().scene() or ()), *self._model.fixtures.drawn())
+        return (*(self._opened.scene() or ()), *self._model.fixtures.drawn())
+
+    def mujoco(self) -> tuple[Any, Any] | None:
+        return self._opened.mujoco()
 
     def change(self, model: WithFixtures) -> bool:
-        self.change_inner(model.model)
+        if model.model != self._model.model:
+            self._opened = change_environment(self._opened, model.model, self._axes, self._users)
+            self.published = self._opened.published
         self._model = model
         return True
+
+    def reset(self) -> bool:
+        return self._opened.reset()
+
+    def close(self) -> None:
+        self._opened.close()
