@@ -47,7 +47,7 @@ def exchange(
     """
     there, back = links if len(links) == 2 else links * 2
     hand, world_ = model.open(1), Asked(world)
-    ports = Ports({"hand": model}, 1)
+    ports = Ports({"hand": model} if model.port_signals else {}, 1)
     queries: dict[int, list[EnvironmentQuery]] = {}
     replies: dict[int, list[EnvironmentReply]] = {}
     rows: list[Row] = []
