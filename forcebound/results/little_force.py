@@ -196,7 +196,9 @@ def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
     stated = twin.stated
     if stated.watchdog == "none":
         # Punctual, since with a shorter limit late holds cost next to nothing.
-        limit = min(stated.watchdog_limit, SHORT_LIMIT)
+        least = max(SHORT_LIMIT, stated.hold_limit)
+        least = least if twin.model is None else twin.model.possible_limit(least)
+        limit = min(stated.watchdog_limit, least)
         why = f"without a watchdog each force is planned for {1e3 * stated.watchdog_limit:.3g} ms"
         why += f" (device.watchdog_limit) less an allowance of {1e3 * stated.allowance:.3g} mJ"
         given = {
