@@ -211,6 +211,13 @@ def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
         most = next(one for one in felt if felt[one] >= WHOLE * max(felt.values()))
         remedy = f"watchdog_limit: {1e3 * limit:.3g} ms, allowance: {1e3 * most:.3g} mJ"
         yield _Suspect("watchdog_limit", why, given[most], remedy, given[most])
+    if stated.attenuates != "never":
+        less = {one: Change({"attenuates": one}) for one in ("per_write", "never")}
+        better = "per_write" if stated.attenuates == "freely" else "never"
+        why = "the motors may give any smaller share of a force"
+        why += f" (device.attenuates: {stated.attenuates})"
+        remedy = f"device.attenuates: {better}, if that is true of it,"
+        yield _Suspect("attenuates", why, less["never"], remedy, less[better])
     delay = max(stated.write_delay, float(twin.write_delay.max()))
     if delay > 0.0:
         none, half = (Change({"write_delay": k * stated.write_delay}, delays=k) for k in (0.0, 0.5))
