@@ -365,3 +365,9 @@ def test_numbers_that_make_no_sense_are_refused(
     with pytest.raises(ConfigError) as raised:
         kind(**{"joints": NAMES, "servos": (1, 2), **numbers})
     assert raised.value.field == field
+
+
+def test_a_watchdog_in_steps_has_the_next_whole_one() -> None:
+    limits = [Dynamixel().possible_limit(limit) for limit in (0.001, 0.02, 0.03, 0.0401)]
+    assert limits == pytest.approx([0.02, 0.02, 0.04, 0.06])
+    assert Feetech().possible_limit(0.03) == 0.03

@@ -212,12 +212,12 @@ def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
         remedy = f"watchdog_limit: {1e3 * limit:.3g} ms, allowance: {1e3 * most:.3g} mJ"
         yield _Suspect("watchdog_limit", why, given[most], remedy, given[most])
     if stated.attenuates != "never":
-        less = {one: Change({"attenuates": one}) for one in ("per_write", "never")}
-        better = "per_write" if stated.attenuates == "freely" else "never"
-        why = "the motors may give any smaller share of a force"
+        share = 0.5 * (1.0 + stated.least_share)
+        why = f"the motors may give any share of a force from {stated.least_share:g} on"
         why += f" (device.attenuates: {stated.attenuates})"
-        remedy = f"device.attenuates: {better}, if that is true of it,"
-        yield _Suspect("attenuates", why, less["never"], remedy, less[better])
+        remedy = f"device.least_share: {share:g}, if they always give that,"
+        none, half = Change({"attenuates": "never"}), Change({"least_share": share})
+        yield _Suspect("attenuates", why, none, remedy, half)
     delay = max(stated.write_delay, float(twin.write_delay.max()))
     if delay > 0.0:
         none, half = (Change({"write_delay": k * stated.write_delay}, delays=k) for k in (0.0, 0.5))
