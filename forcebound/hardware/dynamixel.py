@@ -59,7 +59,9 @@ class Dynamixel(ServoBus):
         if not last or not math.isclose(limit, last):
             least, most = WATCHDOG_STEP, MOST_STEPS * WATCHDOG_STEP
             near = sorted({max(last, least), min(last + least, most)})
-            words = f"watchdog_limit: that of the servos counts steps of {1e3 * least:g} ms: expected"
+            words = (
+                f"watchdog_limit: that of the servos counts steps of {1e3 * least:g} ms: expected"
+            )
             words += f" {' or '.join(f'{1e3 * one:g} ms' for one in near)}, got {1e3 * limit:g} ms"
             raise ConfigError(words, field="watchdog_limit")
 

@@ -175,7 +175,9 @@ class Exchanges:
         if self.count:
             share, late = 100.0 * self.late / self.count, ""
             if self.late:
-                late = f", {share:.2f} % of them {1e-6 * self._late_ns:.2g} ms or more after the rest"
+                late = (
+                    f", {share:.2f} % of them {1e-6 * self._late_ns:.2g} ms or more after the rest"
+                )
             words = "%d replies of the device, the longest wait %.2g ms%s"
             logger.info(words, self.count, 1e-6 * self.longest_ns, late)
 

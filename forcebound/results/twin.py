@@ -48,7 +48,7 @@ STEP = 1e-4  # m, over which joints turn as at a point
 class Change:
     """What is other in a twin than in its run."""
 
-    numbers: Mapping[str, float | Vector | str | None] = field(default_factory=dict)  # of the Dissipation
+    numbers: Mapping[str, float | Vector | str | None] = field(default_factory=dict)  # stated
     law: str = ""
     rate: float = 1.0  # over that of the run
     delays: float = 1.0  # from reading to write, over those of the run
