@@ -370,6 +370,15 @@ def test_the_state_goes_with_a_pushed_body_and_back_at_a_reset(tmp_path: Path) -
     force = scene.force("", *away, 1.0)
     assert found["qpos_box_x"] == pytest.approx(0.02, abs=1e-4)
     assert force == pytest.approx((0.0, 0.0, 0.0), abs=1e-6)
+    assert not scene.published.events
+
+
+def test_a_body_that_a_reset_puts_where_a_hand_is_makes_an_event(tmp_path: Path) -> None:
+    scene = opened(tmp_path, BOX)
+    moved(scene, -0.01, 0.02, 0.5, z=0.01)  # the box is pushed out of its place
+    assert scene.reset()
+    ((event, _, is_fault),) = scene.published.events
+    assert (event, is_fault) == ("in_the_way", False)
 
 
 SENSED = (

@@ -58,6 +58,15 @@ def test_the_words_say_what_the_hand_can_get() -> None:
 
 
 @pytest.mark.usefixtures("few_runs")
+def test_limits_of_a_forecast_are_those_that_the_device_can_have() -> None:
+    found = feel.forecast("dynamixel_arm")  # its watchdog counts steps of 20 ms
+    assert found.felt < 0.95 * found.asked
+    limits = {run["watchdog_limit"] for run in found.document["runs"] if "watchdog_limit" in run}
+    assert limits == {0.04}
+    assert any("watchdog_limit 40 ms" in line for line in found.details)
+
+
+@pytest.mark.usefixtures("few_runs")
 def test_a_kind_is_held_against_the_wall_of_its_launch_file() -> None:
     found = feel.forecast("phantom_premium_1_5", ["hand_speed:=3 m/s"])  # as stiff_wall states
     assert found.asked == 10_000.0

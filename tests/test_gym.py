@@ -97,10 +97,21 @@ def test_a_seed_and_its_actions_give_the_same_bits(tmp_path: Path) -> None:
     first = episode(env, seed=7)
     assert episode(HapticEnv(file, frame_skip=20), seed=7) == first
     second = episode(env)
-    assert second[-1][-1]["seed"] == 8
+    drawn = second[-1][-1]["seed"]
     assert second[-1][:-1] != first[-1][:-1]  # the jitter is another one
     assert episode(env, seed=7) == first
-    assert episode(env, seed=8) == second
+    assert episode(env) == second
+    assert episode(env, seed=drawn) == second
+
+
+def test_environments_of_a_vector_have_seeds_of_their_own(tmp_path: Path) -> None:
+    file = str(written(tmp_path, NOISY))
+    several = gymnasium.vector.SyncVectorEnv([lambda: HapticEnv(file, frame_skip=20)] * 3)
+    seeds = [several.reset()[1]["seed"].tolist()]
+    seeds += [several.reset(seed=5)[1]["seed"].tolist(), several.reset()[1]["seed"].tolist()]
+    assert seeds[1] == [5, 6, 7]
+    assert len({*seeds[0], *seeds[1], *seeds[2]}) == 9
+    several.close()
 
 
 def scripted(monkeypatch: pytest.MonkeyPatch, frame_skip: int, actions: Sequence[Vector]) -> None:

@@ -99,6 +99,12 @@ CASES = {
         [],
         "hand_speed: null, rate: 2 kHz",
     ),
+    "attenuates": Case(
+        "servo_wall",
+        "attenuates",
+        "attenuates: freely, gain_error: 0, presliding: 0 deg",
+        remedied="attenuates: freely, gain_error: 0, presliding: 0 deg, least_share: 0.5",
+    ),
     "knob": Case(
         "knob_wall",
         "watchdog_limit",

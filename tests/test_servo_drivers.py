@@ -94,7 +94,7 @@ def test_a_dynamixel_gets_these_bytes_and_no_others() -> None:
     # Minus one unit of speed before a position whose first byte is fd: the status is stuffed.
     there = dxl.packet(1, dxl.STATUS, bytes.fromhex("00 f6ff ffffffff fd080000"))
     assert len(there) == 22
-    model = Dynamixel(joints=("base",), servos=(1,), torque_constant=0.35, watchdog_limit=0.05)
+    model = Dynamixel(joints=("base",), servos=(1,), torque_constant=0.35, watchdog_limit=0.04)
     goal = dxl.sync_write({1: (-285).to_bytes(2, "little", signed=True)}, 102)
     with scripted(
         (at_rest, answer(0)),
@@ -352,6 +352,8 @@ def test_a_joint_that_turns_past_the_end_of_its_encoder_goes_on(tmp_path: Path) 
         (Dynamixel, {"servos": (1, 2, 3)}, "servos"),
         (Dynamixel, {"direction": 0.5}, "direction"),
         (Dynamixel, {"watchdog_limit": 0.01}, "watchdog_limit"),
+        (Dynamixel, {"watchdog_limit": 0.03}, "watchdog_limit"),
+        (Dynamixel, {"watchdog_limit": 2.56}, "watchdog_limit"),
         (Dynamixel, {"torque_constant": (1.0, 1.0, 1.0)}, "torque_constant"),
         (Feetech, {"saturation": 4.0}, "saturation"),
         (Feetech, {"largest_supply": 0.0}, "largest_supply"),
@@ -363,3 +365,9 @@ def test_numbers_that_make_no_sense_are_refused(
     with pytest.raises(ConfigError) as raised:
         kind(**{"joints": NAMES, "servos": (1, 2), **numbers})
     assert raised.value.field == field
+
+
+def test_a_watchdog_in_steps_has_the_next_whole_one() -> None:
+    limits = [Dynamixel().possible_limit(limit) for limit in (0.001, 0.02, 0.03, 0.0401)]
+    assert limits == pytest.approx([0.02, 0.02, 0.04, 0.06])
+    assert Feetech().possible_limit(0.03) == 0.03

@@ -79,6 +79,24 @@ def test_coupling_and_wall_are_felt_as_springs_in_series(wall: float, stiffness:
     assert felt == pytest.approx(series, rel=FRICTION / 2.0)
 
 
+def test_a_leader_that_moves_to_and_fro_has_no_stiffness_felt() -> None:
+    together = figures_of(run("leader_follower", "law:=none", "delay:=10 ms"))
+    assert together["leader_at_rest"] is False
+    assert together["transmitted_stiffness_n_per_m"] is None
+    assert together["series_stiffness_n_per_m"] > 0.0
+    assert any("not known" in line for line in coupling_lines(together))
+
+
+def test_a_follower_that_has_not_come_to_its_wall_shows_none() -> None:
+    results = run("leader_follower")  # its law lets it do next to no work
+    reach = np.max(results["follower"].columns.true_position)
+    wall = results["follower"].document["operator"]
+    assert reach < wall["start"] + wall["gap"] < np.max(results["leader"].columns.true_position)
+    together = figures_of(results)
+    assert together["transmitted_stiffness_n_per_m"] is None
+    assert not any("the leader feels" in line for line in coupling_lines(together))
+
+
 def test_four_channels_show_the_wall_itself() -> None:
     together = figures_of(run("leader_follower", "law:=none", "architecture:=four_channel"))
     assert together["series_stiffness_n_per_m"] is None

@@ -188,6 +188,7 @@ def test_what_a_file_prints_does_not_get_into_a_document(
         ("my_spring.py", "mine.py", "mine.py: No such file or directory; a relative path starts"),
         ("my_spring.py", "my_spring.py:Mine", "does not define 'Mine'; it has: MySpring"),
         ("my_spring.py", "'my_spring.py:'", "unknown environment kind 'my_spring.py:'"),
+        ("my_spring.py", "lerobot", "pip install ./integrations"),
         (
             "pressing",
             "my_spring.py",

@@ -110,6 +110,13 @@ def shortened(text: str) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+#: Parts of ours that are installed apart.
+APART = {
+    ("environment kind", "lerobot"): "it comes with `pip install ./integrations`, from a clone of"
+    " forcebound (docs/lerobot.md)"
+}
+
+
 def unknown(what: str, name: str, known: Iterable[str]) -> str:
     """Return the message for an unknown name: the most similar known one, or all of them."""
     names = sorted(known)
@@ -117,6 +124,8 @@ def unknown(what: str, name: str, known: Iterable[str]) -> str:
     near = near or [known for known in names if name in known.split("_")]  # speed: approach_speed
     near = near or difflib.get_close_matches(name, names, n=1)
     message = f"unknown {what} {shortened(name)!r}"
+    if how := APART.get((what, name)):
+        return f"{message}: {how}"
     if near:
         return f"{message}; did you mean {near[0]!r}?"
     return f"{message}; known: {', '.join(names) or 'none'}"

@@ -55,9 +55,15 @@ class Dynamixel(ServoBus):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.steps:
-            words = f"that of the servos has steps of 20 ms, got {1e3 * self.longest_force:g} ms"
-            raise ConfigError(f"watchdog_limit: {words}", field="watchdog_limit")
+        limit, last = self.longest_force, self.steps * WATCHDOG_STEP
+        if not last or not math.isclose(limit, last):
+            least, most = WATCHDOG_STEP, MOST_STEPS * WATCHDOG_STEP
+            near = sorted({max(last, least), min(last + least, most)})
+            words = (
+                f"watchdog_limit: that of the servos counts steps of {1e3 * least:g} ms: expected"
+            )
+            words += f" {' or '.join(f'{1e3 * one:g} ms' for one in near)}, got {1e3 * limit:g} ms"
+            raise ConfigError(words, field="watchdog_limit")
 
     def refused(self, name: str) -> str:
         if name not in DYNAMIXELS or DYNAMIXELS[name].current_unit:
@@ -74,6 +80,9 @@ class Dynamixel(ServoBus):
     def constants(self) -> Vector:
         known = [each.torque_constant for each in self.types]
         return of_each("torque_constant", self.torque_constant, self.axes, known)
+
+    def possible_limit(self, limit: float) -> float:
+        return math.ceil(limit / WATCHDOG_STEP - 1e-6) * WATCHDOG_STEP
 
     @property
     def steps(self) -> int:

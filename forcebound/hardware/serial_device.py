@@ -44,8 +44,8 @@ class DriverNumbers:
         on_loss: Of the device, while the force is on: end ends the graph; wait keeps it, without
             force, until the device is in order and the user says so (`forcebound device resume`). A
             device whose guardian is gone or silent waits in either case.
-        reply_within: A reply later than this is counted as late; a reading that came with a write
-            serves the next state if it is younger.
+        reply_within: A reply that takes so much longer than the quickest of its kind is counted as
+            late; a reading that came with a write serves the next state if it is younger than this.
     """
 
     watchdog: Literal["none"] = "none"
@@ -110,7 +110,7 @@ class Exchange(NamedTuple, Generic[Reply]):
 
 
 class Exchanges:
-    """Exchanges with the board on a line, counted; a reply later than ``within`` s is late.
+    """Exchanges with the board on a line, counted; one is late by ``within`` s after the quickest.
 
     ``silent`` says what to try when none comes.
 
@@ -156,9 +156,9 @@ class Exchanges:
             raise
         took_ns = came_ns - sent_ns
         self.count += 1
-        self.late += took_ns > self._late_ns
         self.longest_ns = max(self.longest_ns, took_ns)
         quickest_ns = min(self._quickest_ns.get(kind, took_ns), took_ns)
+        self.late += took_ns - quickest_ns > self._late_ns
         self._quickest_ns[kind] = quickest_ns
         return Exchange(sent_ns, came_ns, took_ns - quickest_ns, reply)
 
@@ -173,10 +173,13 @@ class Exchanges:
     def log(self, logger: logging.Logger) -> None:
         """Log the counts, if a reply has come."""
         if self.count:
-            share, limit = 100.0 * self.late / self.count, 1e-6 * self._late_ns
-            message = "%d replies of the device, %.2f %% of them later than %.2g ms, the"
-            message += " longest wait %.2g ms"
-            logger.info(message, self.count, share, limit, 1e-6 * self.longest_ns)
+            share, late = 100.0 * self.late / self.count, ""
+            if self.late:
+                late = (
+                    f", {share:.2f} % of them {1e-6 * self._late_ns:.2g} ms or more after the rest"
+                )
+            words = "%d replies of the device, the longest wait %.2g ms%s"
+            logger.info(words, self.count, 1e-6 * self.longest_ns, late)
 
 
 class SerialDevice(Device):

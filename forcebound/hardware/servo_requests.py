@@ -115,7 +115,7 @@ class Bus(Exchanges):
         raise DeviceError(
             f"{self.names[servo]} has not answered within {1e3 * self.longest_wait:g} ms{cut}: look"
             " at its power, its cable, its id and baud rate (of an emulator: it may have got no"
-            " processor, see `forcebound doctor`)"
+            " processor: see `forcebound doctor`, or take a longer watchdog_limit)"
         )
 
 

@@ -154,8 +154,8 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
         The force comes in over ``device.engage_time``.
 
         Args:
-            seed: Of the graph, as ``forcebound simulate FILE --seed``; None: that of the launch
-                file, and one more for each further episode.
+            seed: Of the graph, as ``forcebound simulate FILE --seed``; None: drawn from
+                ``np_random``, so that the environments of a vector differ. ``info`` has it.
             options: Other parameters for this episode, by the names that ``forcebound param list``
                 has, such as ``environment.stiffness``.
 
@@ -163,10 +163,7 @@ class HapticEnv(gymnasium.Env[Any, Numbers]):
             ConfigError: If there is no such parameter, or it cannot have this value.
         """
         super().reset(seed=seed)
-        if seed is not None:
-            self._seed = seed
-        elif self._graph is not None:
-            self._seed += 1
+        self._seed = int(self.np_random.integers(2**31)) if seed is None else seed
         config = replace(self.config, seed=self._seed)
         config = change(config, dict(options)) if options else config
         self._end()

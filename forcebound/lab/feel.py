@@ -4,7 +4,7 @@ A launch file runs in virtual time, on punctual ticks, with its numbers and with
 some: a run for each. A device at a port is replaced by the simulated one with the same numbers.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, replace
 from pathlib import Path
@@ -163,7 +163,8 @@ def forecast(
         ConfigError: If there is no such file, hand or device, nobody holds it, it has no stiffness
             or both lengths and angles.
     """
-    config = simulated_graph(name, arguments)
+    graph, real = _stated(name, arguments)
+    config = _in_virtual_time(graph, real)
     model, servo, kind = config.only.device, config.only.servo, common_kind(config.only.named_axes)
     if config.only.operator is None:
         raise ConfigError(f"{name}: expected `operator:`, a hand for the forecast; there is none")
@@ -191,7 +192,7 @@ def forecast(
     found = Forecast(name, asked, felt, stated, unit, varied, kind)
     say(found.headline)
     if has_limit:
-        possible = [limit for limit in LIMITS if limit * servo.rate >= LONGEST_TICK]
+        possible = map(real.possible_limit, (n for n in LIMITS if n * servo.rate >= LONGEST_TICK))
         limits = (MS, _with(possible, model.longest_force))
         allowances = (MJ, _with(ALLOWANCES, servo.allowance))
         varied.insert(0, _varied(config, {"watchdog_limit": limits, "allowance": allowances}))
@@ -209,16 +210,23 @@ def _varied(config: GraphConfig, numbers: Mapping[str, tuple[Everyday, Sequence[
 
 def simulated_graph(name: str, arguments: Sequence[str] = ()) -> GraphConfig:
     """Return the graph that :func:`forecast` runs with the numbers as stated."""
+    return _in_virtual_time(*_stated(name, arguments))
+
+
+def _stated(name: str, arguments: Sequence[str]) -> tuple[GraphConfig, DeviceModel]:
+    """Return a graph, and the device whose numbers it gets."""
     file, which = launch_file_of(name)
     if find(Path(name)) is not None or (file and name not in DEVICES):
         config = load(file or name, arguments)
         if which:
             hand_of(name, arguments)  # a name that is unknown is an error
             config = _alone(config, which, file)
-        model = config.only.device
-    else:
-        model = member_of("device", name, arguments)
-        config = load(model.simulated_in or WALLS.get(name, "stiff_wall"))
+        return config, config.only.device
+    model = member_of("device", name, arguments)
+    return load(model.simulated_in or WALLS.get(name, "stiff_wall")), model
+
+
+def _in_virtual_time(config: GraphConfig, model: DeviceModel) -> GraphConfig:
     hands = {}
     for key, hand in config.hands.items():
         # What one reading costs is in write_delay, which is as stated at every rate.
@@ -249,7 +257,7 @@ def _simulated(model: DeviceModel) -> DeviceModel:
     return kind(**{**numbers, "watchdog_limit": model.longest_force})
 
 
-def _with(values: Sequence[float], stated: float) -> list[float]:
+def _with(values: Iterable[float], stated: float) -> list[float]:
     return sorted({*values, stated})
 
 

@@ -4,6 +4,7 @@ At the beginning of an episode, and after one that is discarded, the world begin
 write zero force before it does and until it has; then the force returns over ``engage_time``.
 """
 
+import logging
 import os
 import sys
 import termios
@@ -23,6 +24,8 @@ from forcebound.observe.runs import Watch
 from forcebound.roles import DEVICE, ENVIRONMENT
 from forcebound.run.process.reader import Reader
 from forcebound.run.run_directory import RunDocument, graph_in
+
+_logger = logging.getLogger(__name__)
 
 ACTIONS: tuple[control.EpisodeAction, ...] = get_args(control.EpisodeAction)
 
@@ -59,6 +62,8 @@ def _world_reset(run_dir: Path) -> Iterator[None]:
     nodes = graph_in(run_dir).nodes
     devices = [name for name, node in nodes.items() if node.role == DEVICE]
     if not is_bound(run_dir, nodes[ENVIRONMENT]):
+        words = "the world is on another machine, and goes on: it has not begun again"
+        _logger.warning("%s; put its bodies back there, or restart its graph", words)
         yield
         return
     try:

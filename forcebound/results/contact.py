@@ -20,6 +20,7 @@ RATE_SAMPLES = 3  # fewest from which a slope is taken, also if they take longer
 BOUNCE_EXCURSION = 1e-4  # m, hysteresis of a turning point: three steps of a 0.03 mm encoder
 REST_WINDOW = 0.5  # s at the end of the run
 REST_SPEED = 1e-3  # m/s, RMS; a hand slower than this over the rest window is at rest
+MORE = 1.005  # of the stiffness: more than all of it
 SETTLING_BAND = 0.05  # of the final penetration; at least BOUNCE_EXCURSION
 
 
@@ -58,6 +59,14 @@ def displayed_stiffness(time: Floats, force: Floats, depth: Floats) -> float | N
     """
     steady = steady_window(time) & (depth > 0.0)
     return float(np.mean(force[steady] / depth[steady])) if steady.any() else None
+
+
+def says_something(felt: float, asked: float, is_at_rest: bool | None) -> bool:
+    """Return whether a mean stiffness does, in N/m: not more than all of it by a hand that moves.
+
+    The mean of a hand to and fro says nothing. ``is_at_rest``: None if it is not known.
+    """
+    return felt <= MORE * asked or is_at_rest is not False
 
 
 def mean_stiffness(force: Floats, depth: Floats) -> float | None:

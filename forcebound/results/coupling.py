@@ -15,7 +15,13 @@ from forcebound.messages.topology import Document
 from forcebound.recordings.launched import launched
 from forcebound.recordings.telemetry import TelemetryColumns
 from forcebound.results.cells import Summary
-from forcebound.results.contact import displayed_stiffness, rms
+from forcebound.results.contact import (
+    REST_SPEED,
+    displayed_stiffness,
+    final_speed,
+    rms,
+    says_something,
+)
 from forcebound.results.surface import Floats
 from forcebound.units import MM, N_MM, N, energy_in_words
 
@@ -41,6 +47,8 @@ def coupling(runs: Mapping[str, TelemetryColumns], documents: Mapping[str, Docum
                 met = {}  # its wall is at the tip
             axes = launched(documents[follows]).axes
             figures |= _transparency(shared[leads], shared[follows], environment, met)
+            kind = axes[0].kind if axes else "length"
+            figures |= _felt(runs[leads], figures, at_lever(REST_SPEED, "m/s", kind))
             if axes:
                 figures["axes"] = {axis.name: axis.kind for axis in axes}
             if common_kind(axes) is None:  # lengths and angles have no common size
@@ -73,12 +81,15 @@ def coupling_lines(figures: Summary) -> Iterator[str]:
     if start is not None and start > at_lever(APART, "m", first):
         words = f"Together: they began {way.show(start)} apart, so the follower was pulled there"
         yield f"{words}; `offset` or a clutch couples them where they are."
-    felt = figures["transmitted_stiffness_n_per_m"]
-    if felt is not None:
+    felt, moved = figures["transmitted_stiffness_n_per_m"], figures["leader_at_rest"] is False
+    if felt is None and moved and figures["follower_stiffness_n_per_m"] is not None:
+        yield "Together: what the leader feels is not known: it moved until the end."
+    elif felt is not None:
         words = f"Together: the leader feels {stiffness.show(felt)}; the follower's wall has"
         series = figures["series_stiffness_n_per_m"]
         behind = "" if series is None else f", behind the coupling {stiffness.show(series)}"
-        yield f"{words} {stiffness.show(figures['follower_stiffness_n_per_m'])}{behind}."
+        mean = " The leader's is a mean, since it moved until the end." if moved else ""
+        yield f"{words} {stiffness.show(figures['follower_stiffness_n_per_m'])}{behind}.{mean}"
 
 
 def _shared(runs: Mapping[str, TelemetryColumns]) -> dict[str, dict[str, Floats]]:
@@ -151,7 +162,8 @@ def _transparency(
     if wall.get("kind") == "wall" and wall["stiffness"] > 0.0 and place.size and crossed:
         axis = crossed[0]  # across which there is a wall
         side, start = np.copysign(1.0, gaps[axis]), _of_axes(wall["start"], axes)[axis] or 0.0
-        depth = side * (place[:, axis] - start - gaps[axis])
+        way, touched = (side * (at[:, axis] - start - gaps[axis]) for at in (place, follower["x"]))
+        depth = np.where(touched > 0.0, way, 0.0)  # a follower that is not there shows no wall
         push = side * scale[axis] * leader["motor"][:, axis]
         felt = displayed_stiffness(leader["time"], push, depth)
         turned = float(ratio[axis] * scale[axis])
@@ -169,6 +181,17 @@ def _transparency(
         "follower_stiffness_n_per_m": known,
         "series_stiffness_n_per_m": behind,
     }
+
+
+def _felt(leader: TelemetryColumns, figures: Summary, slow: float) -> Summary:
+    """Return whether the leader is at rest, slower than ``slow``, and what it feels if known."""
+    speed = final_speed(leader.time, leader.true_position)
+    is_at_rest = None if speed is None else speed < slow
+    felt, asked = (figures[f"{one}_stiffness_n_per_m"] for one in ("transmitted", "series"))
+    asked = figures["follower_stiffness_n_per_m"] if asked is None else asked
+    is_known = felt is None or says_something(felt, asked, is_at_rest)
+    known = {} if is_known else {"transmitted_stiffness_n_per_m": None}
+    return {"leader_at_rest": is_at_rest, **known}
 
 
 def _of_axes(value: Any, axes: int) -> list[Any]:

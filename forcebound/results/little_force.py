@@ -196,7 +196,9 @@ def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
     stated = twin.stated
     if stated.watchdog == "none":
         # Punctual, since with a shorter limit late holds cost next to nothing.
-        limit = min(stated.watchdog_limit, SHORT_LIMIT)
+        least = max(SHORT_LIMIT, stated.hold_limit)
+        least = least if twin.model is None else twin.model.possible_limit(least)
+        limit = min(stated.watchdog_limit, least)
         why = f"without a watchdog each force is planned for {1e3 * stated.watchdog_limit:.3g} ms"
         why += f" (device.watchdog_limit) less an allowance of {1e3 * stated.allowance:.3g} mJ"
         given = {
@@ -209,6 +211,13 @@ def _of_the_device(twin: Twin) -> Iterator[_Suspect]:
         most = next(one for one in felt if felt[one] >= WHOLE * max(felt.values()))
         remedy = f"watchdog_limit: {1e3 * limit:.3g} ms, allowance: {1e3 * most:.3g} mJ"
         yield _Suspect("watchdog_limit", why, given[most], remedy, given[most])
+    if stated.attenuates != "never":
+        share = 0.5 * (1.0 + stated.least_share)
+        why = f"the motors may give any share of a force from {stated.least_share:g} on"
+        why += f" (device.attenuates: {stated.attenuates})"
+        remedy = f"device.least_share: {share:g}, if they always give that,"
+        none, half = Change({"attenuates": "never"}), Change({"least_share": share})
+        yield _Suspect("attenuates", why, none, remedy, half)
     delay = max(stated.write_delay, float(twin.write_delay.max()))
     if delay > 0.0:
         none, half = (Change({"write_delay": k * stated.write_delay}, delays=k) for k in (0.0, 0.5))

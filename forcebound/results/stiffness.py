@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from forcebound.results.contact import steady_window
+from forcebound.results.contact import says_something, steady_window
 from forcebound.results.little_force import split_by_causes
 from forcebound.results.samples import Samples
 from forcebound.results.surface import Floats
@@ -33,7 +33,6 @@ from forcebound.results.surface import Floats
 DROPPING = ("silent", "reporting", None)  # watchdogs; None: not stated
 ROUNDING = 1e-9  # of a force
 LARGEST_GAIN = 0.1  # of the losses
-MORE = 1.005  # of the stiffness: more than all of it
 
 
 class Stiffness(NamedTuple):
@@ -92,12 +91,9 @@ def felt_stiffness(run: Samples) -> Stiffness | None:
 
 
 def felt_share(run: Samples) -> float | None:
-    """Return the share of the stiffness that a run's hand felt; None without contact.
-
-    Also if it is more than all and the hand moves: the mean of a hand to and fro says nothing.
-    """
+    """Return the share of the stiffness that a run's hand felt; None without one that is known."""
     felt = felt_stiffness(run)
-    if felt is None or (felt.felt > MORE * felt.asked and run.is_at_rest is False):
+    if felt is None or not says_something(felt.felt, felt.asked, run.is_at_rest):
         return None
     return felt.felt / felt.asked
 

@@ -48,7 +48,7 @@ STEP = 1e-4  # m, over which joints turn as at a point
 class Change:
     """What is other in a twin than in its run."""
 
-    numbers: Mapping[str, float | Vector | None] = field(default_factory=dict)  # of the Dissipation
+    numbers: Mapping[str, float | Vector | str | None] = field(default_factory=dict)  # stated
     law: str = ""
     rate: float = 1.0  # over that of the run
     delays: float = 1.0  # from reading to write, over those of the run
@@ -62,6 +62,7 @@ class Twin:
 
     Attributes:
         stated: What the law relied on.
+        model: Of the device; None: of a user.
         time: Of the readings, in s, shape ``(n,)``.
         write_delay: From each reading until its force acts, in s; 0 where it is not recorded.
         busy: What reads and writes of a tick take, in s: its state is read before, too.
@@ -87,20 +88,20 @@ class Twin:
         section = run.config["device"].items()
         device: Document = {k: tuple(v) if isinstance(v, list) else v for k, v in section}
         self._rate, self._report, self._law = run.rate, run.report, str(run.device.law)
-        self._model: DeviceModel | None = None
+        self.model: DeviceModel | None = None
         if DEVICES.is_shipped(run.device.kind):
             kind: Any = DEVICES[run.device.kind]
             own = {each.name for each in fields(kind) if each.init} - {"truth"}
             known = {name: device[key_of(name)] for name in own if key_of(name) in device}
-            self._model = kind(**known)
-        self._kinematics = None if self._model is None else self._model.kinematics()
+            self.model = kind(**known)
+        self._kinematics = None if self.model is None else self.model.kinematics()
         is_arm = bool(np.isfinite(columns.torques).any())
         place = tuple(columns.position[-1].tolist())
         kind, self._unit = run.launched.axis_kind, run.launched.shown(N_MM).unit
-        held = kind if self._model is None else common_kind(self._model.hand_axes)
+        held = kind if self.model is None else common_kind(self.model.hand_axes)
         if kind is None or held != kind:
             raise ConfigError("the hand does not hold the axes that this run has, all alike")
-        if is_arm and (self._model is None or self._model.angles(place) is None):
+        if is_arm and (self.model is None or self.model.angles(place) is None):
             raise ConfigError("the joints of this arm cannot be computed from places of its tip")
         self.stated = self._state(device, run.device)
         motors = columns.applied_force if self._kinematics is None else columns.torques
@@ -114,7 +115,7 @@ class Twin:
         self._error: float | None = None
 
     def _state(self, device: Document, stated: DeviceSection) -> Dissipation:
-        limit = stated.watchdog_limit if self._model is None else self._model.longest_force
+        limit = stated.watchdog_limit if self.model is None else self.model.longest_force
         hold = stated.hold_limit
         hold_limit = (hold if isinstance(hold, float) else FLOOR) / self._rate
         if not isinstance(hold, float) and self._report is not None:
@@ -143,11 +144,11 @@ class Twin:
         if kind == "angle":
             own = float(np.mean(run.config["device"].get("inertia") or 0.0))
         turns = unit = np.eye(self._columns.position.shape[1])
-        if self._model is not None and self._kinematics is not None:
+        if self.model is not None and self._kinematics is not None:
             places = (
                 tuple(self._columns.position[-1] + STEP * one) for one in (*unit, 0.0 * unit[0])
             )
-            turned = np.array([self._model.angles(place) for place in places])
+            turned = np.array([self.model.angles(place) for place in places])
             turns = (turned[:-1] - turned[-1]) / STEP
         damping = damper + (turns**2 * np.array(self.stated.damping)).sum(axis=1)
         friction = (np.abs(turns) * np.array(self.stated.friction)).sum(axis=1)
@@ -264,11 +265,11 @@ class Twin:
 
     def _read(self, was: Vector, now: Vector, steps: Vector) -> tuple[Vector, Vector]:
         """Return the reading of a tip that is ``now`` there, and its place."""
-        if self._model is None or self._kinematics is None:
+        if self.model is None or self._kinematics is None:
             reading = _stepped(was, now, steps)
             return reading, reading
-        joints = self._model.angles(was) or now
-        reading = _stepped(joints, self._model.angles(now) or joints, steps)
+        joints = self.model.angles(was) or now
+        reading = _stepped(joints, self.model.angles(now) or joints, steps)
         return reading, self._kinematics.position(reading)
 
 

@@ -258,6 +258,10 @@ class DeviceModel(StatedNumbers, Publishing, ABC):
         """The watchdog limit, in s; infinite if it is ``auto``."""
         return math.inf if self.watchdog_limit == "auto" else self.watchdog_limit
 
+    def possible_limit(self, limit: float) -> float:
+        """Return the least watchdog limit from ``limit`` on that the device can have, in s."""
+        return limit
+
     @property
     def own_code(self) -> str:
         """Its user's code beside the kind, ``FILE.py:NAME``; empty: none."""

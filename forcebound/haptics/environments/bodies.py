@@ -328,6 +328,10 @@ class _Scene(Environment):
         self._put_at_start()
         for hand in self._hands.values():
             self._couple(hand)
+        self._mujoco.mj_forward(self._scene, self._data)
+        for name, hand in self._hands.items():
+            if self._model.tool is None and self._is_touching(self._probes[hand.number]):
+                self.event("in_the_way", f"a body begins where {name} is: go back first")
         return True
 
     def contact(self, user: str) -> Contact | None:
