@@ -38,7 +38,7 @@ GROUPS = {
         "walls": "stiff_wall damped_wall time_varying_wall three_axes palpation sliding_friction"
         " released_hand impedance",
         "worlds": "touch_sphere touch_mesh touch_field touch_points membrane push_mass push_boxes"
-        " follow_path",
+        " cart_pendulum follow_path",
         "hands": "two_hands leader_follower leader_follower_transfer joint_arms servo_arms",
         "devices": "knob_wall odrive_knob five_bar_wall haply_2diy haply_inverse3 serial_arm_wall"
         " desktop_arm hold_arm servo_wall dynamixel_arm feetech_arm",

@@ -229,6 +229,7 @@ ENVIRONMENTS: Table[type[EnvironmentModel]] = Table(
         "distance_field": "forcebound.haptics.environments.solids_of_files:DistanceField",
         "point_cloud": "forcebound.haptics.environments.solids_of_files:PointCloud",
         "mass_spring": "forcebound.haptics.environments.mass_spring:MassSpring",
+        "cart_pendulum": "forcebound.haptics.environments.cart_pendulum:CartPendulum",
         "coupling": "forcebound.haptics.environments.coupling:Coupling",
         "bodies": "forcebound.haptics.environments.bodies:Bodies",
         "recorded": "forcebound.haptics.environments.recorded:RecordedEnvironment",
