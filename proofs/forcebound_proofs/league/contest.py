@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -22,8 +22,10 @@ from forcebound_proofs.cases import LEAST_PEAK, NOISES, encode, minimise, search
 from forcebound_proofs.league.methods import Method
 from forcebound_proofs.league.places import (
     ATTACKER,
+    CARRIED,
+    CARRIER,
+    LONG,
     PERSONS,
-    SHAKER,
     TUNED_AT,
     WORLDS,
     Place,
@@ -48,6 +50,7 @@ FIGURES = (
     "transparency_bandwidth_hz",
 )
 ENERGY = "energy_j"  # lowest true energy of the hand; below zero, it was given some
+MASS = "felt_mass_kg"  # that a carrier feels of a cart with a pendulum
 SHARE = "displayed_stiffness_share"
 FAILED = 10.0  # cost of a run that cannot be
 
@@ -58,7 +61,7 @@ class Budget(NamedTuple):
     tuning: int = 40  # evaluations, each of all hands of the place
     attacks: tuple[int, int] = (100, 300)  # runs of attacking hands: random, learned
     seconds: float = 6.0  # of a run
-    shaken: float = 20.0  # s, of one by the shaker
+    long: float = 20.0  # s, of one by the shaker or the carrier
     attacked: float = 3.0  # s, of an attack
     seed: int = 1
 
@@ -88,7 +91,7 @@ class Contest(NamedTuple):
         tuning = list(self._tune())
         best = min(tuning, key=lambda row: float(row["cost"]), default={"numbers": "{}"})
         numbers = json.loads(best["numbers"])
-        words = self.words(numbers)
+        words = self.method.with_numbers(numbers)
         cells = [
             self._row(CELL, place, words, hand=hand, numbers=best["numbers"])
             for place in self.places
@@ -102,18 +105,14 @@ class Contest(NamedTuple):
             attacks = list(self._attack(place, words))
         return [*tuning, *cells, *attacks]
 
-    def words(self, numbers: Mapping[str, float]) -> Words:
-        """Return the words of the method with its tuned numbers."""
-        return (*self.method.words, *(f"{path}:={value!r}" for path, value in numbers.items()))
-
     def _tune(self) -> Iterator[Row]:
         """Search for the numbers that show the stiffest wall among those that give no energy."""
         ranges, rows = self.method.numbers, list[Row]()
 
         def cost(point: Any) -> float:
             pairs = zip(ranges.items(), point, strict=True)
-            numbers = {path: float(f"{one.at(u):.4g}") for (path, one), u in pairs}
-            words, place = self.words(numbers), self.tuned_in
+            numbers = {name: float(f"{one.at(u):.4g}") for (name, one), u in pairs}
+            words, place = self.method.with_numbers(numbers), self.tuned_in
             runs = [self._row(TUNING, place, words, hand=hand) for hand in _hands(place)]
             row = {**runs[0], "hand": None, "command": None, "numbers": json.dumps(numbers)}
             rows.append({key: row[key] for key in row if key not in FIGURES} | _judged(runs))
@@ -147,7 +146,7 @@ class Contest(NamedTuple):
         """Run once, and return its row."""
         file, *own = attack_of(place, case) if case else words_of(place, hand)
         budget, every = self.budget, (*words, *own)
-        seconds = budget.attacked if case else budget.shaken if hand == SHAKER else budget.seconds
+        seconds = budget.attacked if case else budget.long if hand in LONG else budget.seconds
         row: Row = {
             "method": self.name,
             **place._asdict(),
@@ -166,7 +165,9 @@ class Contest(NamedTuple):
             return row | {"error": f"{type(error).__name__}: {error}"}
         energy, left = energies(result, fastest)
         row |= {ENERGY: energy, "share_left": left}
-        return row if case else row | figures(result)
+        if case:
+            return row
+        return row | figures(result) | ({MASS: felt_mass(result)} if hand == CARRIER else {})
 
 
 def _hands(place: Place) -> tuple[str, ...]:
@@ -251,3 +252,19 @@ def figures(result: RunResult) -> Row:
         f"impedance.{name}": shaken.get(name)
         for name in ("frequency_hz", "stiffness_n_per_m", "damping_n_s_per_m")
     }
+
+
+def felt_mass(result: RunResult) -> list[float]:
+    """Return real and imaginary part of force over acceleration, in kg, of a hand that swings.
+
+    Of whole swings in the second half of the run.
+    """
+    columns = result.columns
+    rate = 1.0 / float(np.median(np.diff(columns.time)))
+    count = round(int(columns.time[-1] / 2.0 * CARRIED) * rate / CARRIED)
+    wave = np.exp(-2j * math.pi * CARRIED * columns.time[-count:])
+    force, position = (
+        (one[-count:, 0] * wave).sum() for one in (columns.applied_force, columns.true_position)
+    )
+    mass = -force / position / (2.0 * math.pi * CARRIED) ** 2
+    return [float(mass.real), float(mass.imag)]

@@ -1,7 +1,7 @@
 """The methods of the league in one table, and those of a user's file.
 
 To add a method: one entry in :data:`METHODS`. Its ``words`` are ``NAME:=VALUE`` of a launch file,
-its ``numbers`` are what a user would tune, by their paths.
+in which ``{name}`` stands for one of its ``numbers``: what a user would tune.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,15 +16,20 @@ from forcebound.haptics.laws import LAWS
 from forcebound.haptics.parts.user_module import names_file
 from forcebound_proofs.cases import Range
 from forcebound_proofs.field_ranges import ranges_of
+from forcebound_proofs.league.places import Words
 
 
 class Method(NamedTuple):
     """A way to keep a hand safe, as words of a launch file."""
 
-    words: tuple[str, ...]
+    words: Words
     promise: str  # what it says of itself, in a few words
     source: str
-    numbers: Mapping[str, Range] = {}  # to be tuned, by path; none: it has none of its own
+    numbers: Mapping[str, Range] = {}  # to be tuned; none: it has none of its own
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> Words:
+        """Return the words with these numbers in them."""
+        return tuple(word.format(**numbers) for word in self.words)
 
 
 _law = partial(Method, source="the enhanced force bounding paper, 2017")
@@ -46,12 +51,27 @@ METHODS: dict[str, Method] = {
         "Hannaford and Ryu, IEEE T-RA 18(1), 2002",
     ),
     "virtual_coupling": Method(
-        ("law:=none", "controller:=virtual_coupling"),
+        (
+            "law:=none",
+            "controller:=virtual_coupling",
+            "controller.stiffness:={stiffness}",
+            "controller.damping:={damping}",
+        ),
         "passive if K (T/2 + t_d) + B <= b",
         "Colgate, Stanley and Brown, IROS 1995; Adams and Hannaford, IEEE T-RA 15(3), 1999",
         {
-            "controller.stiffness": Range(50.0, 20_000.0, is_logarithmic=True),
-            "controller.damping": Range(0.01, 20.0, is_logarithmic=True),
+            "stiffness": Range(50.0, 20_000.0, is_logarithmic=True),
+            "damping": Range(0.01, 20.0, is_logarithmic=True),
+        },
+    ),
+    "energy_tank": Method(
+        ("law:=energy_tank(target_level={target_level}, refill={refill})",),
+        "passive in its own account of a device without friction, encoder and hold",
+        "Franken, Stramigioli, Misra, Secchi and Macchelli, IEEE T-RO 27(4), 2011, as two public"
+        " implementations have it",
+        {
+            "target_level": Range(0.01, 0.1, is_logarithmic=True),
+            "refill": Range(1.0, 300.0, is_logarithmic=True),
         },
     ),
     "certified": Method(("law:=certified",), _CERTIFIED, "docs/theory.md"),
@@ -91,9 +111,9 @@ def method_of_file(kind: str) -> tuple[Method, object]:
     else:
         return Method((f"law:={name}",), *_OF_A_USER), LAWS[name]
     model = CONTROLLERS[name]
-    floats = [path for path, field in fields_of(model).items() if type(field.default) is float]
-    numbers = {f"controller.{path}": ranges_of(model)[path] for path in floats}
-    return Method(("law:=none", f"controller:={name}"), *_OF_A_USER, numbers), model
+    floats = [key for key, field in fields_of(model).items() if type(field.default) is float]
+    words = ("law:=none", f"controller:={name}", *(f"controller.{k}:={{{k}}}" for k in floats))
+    return Method(words, *_OF_A_USER, {key: ranges_of(model)[key] for key in floats}), model
 
 
 def chosen(files: Sequence[str]) -> tuple[dict[str, Method], list[object]]:

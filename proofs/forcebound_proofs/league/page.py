@@ -15,12 +15,12 @@ from forcebound_proofs.league.methods import CERTIFIED, OURS, Method
 from forcebound_proofs.league.places import (
     ATTACKER,
     DELAYS,
-    DEVICES,
     NETWORKS,
     RESTING,
     TUNED_AT,
     WORLDS,
     Place,
+    file_of,
 )
 from forcebound_proofs.league.scores import (
     LOST_BY,
@@ -261,14 +261,12 @@ def _methods(methods: Mapping[str, Method]) -> Iterator[str]:
 
 def _in_words(played: Mapping[Place, object]) -> str:
     parts = []
-    for (device, world), own in groups(
-        [place._asdict() for place in played], "device", "world"
-    ).items():
+    rows = [place._asdict() for place in played]
+    for (device, world), own in groups(rows, "device", "world").items():
+        file = file_of(Place(device, world, TUNED_AT))
         networks = ", ".join(f"*{row['network']}*" for row in own)
         hands = ", ".join(f"`{hand}`" for hand in WORLDS[world].hands)
-        parts.append(
-            f"* {device} (`{DEVICES[device].file}`), {world}; hands {hands}; networks {networks}"
-        )
+        parts.append(f"* {device}, {world} (`{file}`): hands {hands}; networks {networks}")
     return "\n\n" + "\n".join(parts)
 
 
@@ -283,7 +281,7 @@ def _tuned(rows: Sequence[Row]) -> Iterator[str]:
     for (method, device), own in groups(tuning, "method", "device").items():
         best = min(own, key=lambda row: float(row["cost"]))
         numbers = ", ".join(
-            f"`{path}:={value:g}`" for path, value in json.loads(best["numbers"]).items()
+            f"{name} {value:g}" for name, value in json.loads(best["numbers"]).items()
         )
         felt = f"{-best['cost']:.1%}" if best["cost"] <= 0.0 else "gives energy"
         giving = sum(leaks(row["energy_j"]) for row in own)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -44,14 +45,17 @@ def _stiffness(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -> N
     figure, panels = drawing.rows_of(2, height=3.4)
     played, giving = cells(rows), {method for method, _ in leaky(rows)}
     at = [delay for delay in DELAYS if Place("PHANToM", "wall", delay) in played]
+    turns = np.arange(len(at), dtype=float)
     for method, colour in colours.items():
         axes = panels[method in giving]
         own = [played[Place("PHANToM", "wall", delay)][method] for delay in at]
         values = np.array([(SCORES[0].of(one) or 0.0) / 1e3 for one in own])
         style = {"marker": "o", "linewidth": 2.2 if method in OURS else 1.1}
-        drawing.line(axes, np.arange(len(at)), values, method.replace("_", " "), colour, **style)
+        drawing.line(
+            axes, turns, values, method.replace("_", " "), colour, **style
+        )
         given = np.array([leaks(lowest(one)) for one in own])
-        ring = {"markersize": 11, "markeredgecolor": NOT_PASSIVE, "color": "none"}
+        ring: dict[str, Any] = {"markersize": 11, "markeredgecolor": NOT_PASSIVE, "color": "none"}
         axes.plot(np.flatnonzero(given), values[given], "o", **ring)
     for axes, title in zip(panels, ("no leak found", "gave energy (ring: here)"), strict=True):
         drawing.finish(axes, "stiffness felt (N/mm)", "delay each way")

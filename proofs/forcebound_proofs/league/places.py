@@ -25,6 +25,7 @@ class World(NamedTuple):
 
     words: Words
     hands: tuple[str, ...]  # keys of HANDS
+    file: str = ""  # launch file; empty: that of the device
 
 
 class Place(NamedTuple):
@@ -61,7 +62,10 @@ TUNED_AT = "20 ms"
 
 _RELEASED = ("mass:=0 kg", "stiffness:=50 N/m", "damping:=0 N s/m", "start:=10 mm")
 _SWING = ("kind:=trembling", "start:=0 mm", "end:=0 mm")
-SHAKER, RELEASED = "shaker", "released"
+SHAKER, RELEASED, CARRIER = "shaker", "released", "carrier"
+LONG = (SHAKER, CARRIER)  # hands whose runs are long
+CARRIED = 0.4  # Hz, well below the ball's own 0.91 Hz
+_CARRIER = ("mass:=0.1 kg", "stiffness:=1000 N/m", "damping:=10 N s/m", "tremor:=40 N")
 #: Hands of the world's launch file but for these words; the shaker has a launch file of its own.
 HANDS: dict[str, Words] = {
     "fast": (),
@@ -71,6 +75,9 @@ HANDS: dict[str, Words] = {
         "device.engage_time:=0 s",
     ),
     SHAKER: (),
+    CARRIER: tuple(
+        f"operator.{w}" for w in (*_SWING, *_CARRIER, f"tremor_frequency:={CARRIED} Hz")
+    ),
     "swing of 1 Hz": tuple(
         f"operator.{w}" for w in (*_SWING, "tremor:=15 N", "tremor_frequency:=1 Hz")
     ),
@@ -78,27 +85,30 @@ HANDS: dict[str, Words] = {
         f"operator.{w}" for w in (*_SWING, "tremor:=5 N", "tremor_frequency:=5 Hz")
     ),
 }
+FREE, CART = "free motion", "cart-pendulum"
 SOFT = 1000.0  # N/m, of the soft wall, at which transparency is measured
 PERSONS = ("fast", "slow")  # hands whose feeling counts; the energy of all hands does
 RESTING = (*PERSONS, RELEASED)  # hands that are meant to come to rest
 WORLDS: dict[str, World] = {
     "wall": World((), RESTING),
     "soft wall": World((f"stiffness:={SOFT:g} N/m",), (*RESTING, SHAKER)),
-    "free motion": World(("environment.position:=1 m",), ("swing of 1 Hz", "swing of 5 Hz")),
+    FREE: World(("environment.position:=1 m",), ("swing of 1 Hz", "swing of 5 Hz")),
+    CART: World((), (*PERSONS, CARRIER), "cart_pendulum"),
 }
-FREE = "free motion"
 TOUCHED = ("wall", "soft wall")  # worlds with a stiffness
 #: What is played: worlds and networks of each device.
 PLAYED: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("PHANToM", "wall"): tuple(NETWORKS),
     ("PHANToM", "soft wall"): ("1 ms", "20 ms"),
     ("PHANToM", FREE): ("20 ms",),
+    ("PHANToM", CART): ("0 ms", "20 ms"),
     ("2DIY", "wall"): ("20 ms",),
 }
 SMALL: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("PHANToM", "wall"): ("0 ms", "20 ms"),
     ("PHANToM", "soft wall"): ("1 ms",),
     ("PHANToM", FREE): ("20 ms",),
+    ("PHANToM", CART): ("20 ms",),
 }
 
 #: Numbers of an attacking hand, which presses and trembles; SI units, forces as on the PHANToM.
@@ -122,13 +132,18 @@ def places(is_small: bool = False) -> list[Place]:
     return [Place(*both, network) for both, networks in played.items() for network in networks]
 
 
+def file_of(place: Place) -> str:
+    """Return the launch file of a place."""
+    return WORLDS[place.world].file or DEVICES[place.device].file
+
+
 def words_of(place: Place, hand: str) -> Words:
     """Return the words of a place with one of its hands; the first one is the launch file."""
     device, world = DEVICES[place.device], WORLDS[place.world]
     own = HANDS[hand]
     if hand == RELEASED:
         own = (*own, f"operator.end:={device.released}")
-    file = "impedance" if hand == SHAKER else device.file
+    file = "impedance" if hand == SHAKER else file_of(place)
     return (file, *world.words, *NETWORKS[place.network], *ALWAYS, *own)
 
 
@@ -139,11 +154,11 @@ def attack_of(place: Place, code: str) -> Words:
         ConfigError: If it is no such code.
     """
     (seed,), numbers = decode(code, (NOISES,), ATTACKER)
-    device, world = DEVICES[place.device], WORLDS[place.world]
-    push, strength = numbers.pop("push"), device.strength
+    world = WORLDS[place.world]
+    push, strength = numbers.pop("push"), DEVICES[place.device].strength
     numbers["tremor"] *= strength
     numbers["stiffness"] *= strength
     numbers["end"] = SURFACE + strength * push / numbers["stiffness"]
     hand = (f"operator.{name}:={value:.6g}" for name, value in numbers.items())
     ends = ("device.engage_time:=10 ms", f"seed:={seed + 1}", "operator.kind:=trembling", *hand)
-    return (device.file, *world.words, *NETWORKS[place.network], *ALWAYS, *ends)
+    return (file_of(place), *world.words, *NETWORKS[place.network], *ALWAYS, *ends)

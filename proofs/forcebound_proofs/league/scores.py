@@ -9,10 +9,12 @@ from forcebound.lab.engine import Row
 from forcebound.lab.views import groups
 from forcebound.units import DB, HZ, N_MM, NUMBER, WHOLE, Everyday, N
 from forcebound_proofs.attack import RANDOM, SEARCH
-from forcebound_proofs.league.contest import CELL, ENERGY, SHARE, TUNING
+from forcebound_proofs.league.contest import CELL, ENERGY, MASS, SHARE, TUNING
 from forcebound_proofs.league.methods import CERTIFIED, OURS
-from forcebound_proofs.league.places import FREE, PERSONS, SHAKER, TOUCHED, Place
+from forcebound_proofs.league.places import CARRIER, FREE, PERSONS, SHAKER, TOUCHED, Place
 
+#: kg, what a carrier feels of both; tests/test_cart_pendulum.py has the formula.
+CUP_AND_BALL = 3.22
 LOST_BY = 0.05  # of the certified law's figure; less is not called a loss
 Figure: TypeAlias = Callable[[Sequence[Row]], float | None]
 
@@ -72,6 +74,12 @@ def _bandwidth(rows: Sequence[Row]) -> float | None:
     return shaken[0]["transparency_bandwidth_hz"] or 0.0 if shaken else None
 
 
+def _mass_error(rows: Sequence[Row]) -> float | None:
+    """Return how far the felt mass is from that of cup and ball, as a share of it."""
+    carried = [row[MASS] for row in rows if row["hand"] == CARRIER and not row["error"]]
+    return abs(complex(*carried[0]) / CUP_AND_BALL - 1.0) if carried else None
+
+
 def _in_the_air(rows: Sequence[Row]) -> float | None:
     if rows[0]["world"] != FREE:
         return None
@@ -97,6 +105,7 @@ SCORES = (
         3.0,
     ),
     Score("transparency bandwidth", HZ, _bandwidth, True, 0.5),
+    Score("error of the felt mass", WHOLE, _mass_error, False, 0.01),
     Score("largest force in free motion", N, _in_the_air, False, 0.01),
 )
 
