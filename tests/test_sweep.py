@@ -28,7 +28,7 @@ from forcebound.lab.table import read_table
             "seed: { repeat: 2, from: 7 }\n  stiffness: { from: 0 N/m, to: 3 N/m, count: 4 }",
             [(seed, f"{k}.0 N/m") for seed in ("7", "8") for k in range(4)],
         ),
-        ("law: { all: laws }\n  stiffness: 3", [(law, "3") for law in LAWS]),
+        ("law: { all: laws }\n  stiffness: 3", [(law, "3") for law in LAWS.usual]),
     ],
 )
 def test_a_grid_has_every_combination_the_last_argument_fastest(

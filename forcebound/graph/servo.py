@@ -31,6 +31,8 @@ def check_law(law: str) -> None:
     """Raise ConfigError if there is no such law."""
     if law not in LAWS:
         raise ConfigError(unknown("law", law, LAWS), field="law")
+    if law.endswith(")"):
+        LAWS[law]  # its numbers are checked
 
 
 @dataclass(frozen=True)

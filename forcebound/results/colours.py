@@ -28,6 +28,7 @@ LAW_COLOURS = {
     "none": "#7F7F7F",
     "less_conservative_viscous": "#00395A",
     "more_conservative_viscous": "#7A5400",
+    "energy_tank": "#000000",
 }
 
 

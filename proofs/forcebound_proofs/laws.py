@@ -83,7 +83,7 @@ logarithm; many of them are 0 in some of the cases.
     def series(self, laws: Names, targets: Names, budget: Budget) -> list[Series]:
         """Return what is to be run; the pairs share the searches. There are no targets."""
         found, (runs, searched, seed) = [], budget
-        for law in laws or LAWS:
+        for law in laws or LAWS.usual:
             check_law(law)
             found += self.at_random(law, "", runs, seed)
             for number, pair in enumerate(PAIRS):

@@ -178,7 +178,9 @@ class ForceBounder:
         limit, damping, dt = self._sample(read_ns, position, magnitude, is_clear=is_clear)
         force = commanded
         if damping > 0.0:
-            rate = damping / dt
+            rate, saturation = damping / dt, self._dissipation.saturation
+            if limit < saturation:  # the law's limit is of the commanded force
+                force, limit = shorten(force, magnitude, limit), saturation
             moved = zip(force, position, before, strict=True)
             force = tuple([f + rate * (now - then) for f, now, then in moved])
             magnitude = math.hypot(*force)

@@ -5,8 +5,10 @@ and use nothing but arithmetic and :mod:`math`. So the very same function object
 Python, and compiled in the live node, in audits and in sweeps.
 """
 
+import math
+import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from forcebound.errors import ConfigError
@@ -52,6 +54,8 @@ class BoundingLaw:
         is_certified: The bound holds for the physical energy (``docs/theory.md``).
         adds_damping: The law may add a force, and so exceed the commanded one.
         exchanges: A ledger may give energy to another one, or get some; the state is an energy.
+        numbers: The law's own numbers, not negative: fields of DeviceConstants and their values. A
+            name like ``energy_tank(refill=20)`` is that of the law with another one.
     """
 
     summary: str
@@ -64,10 +68,11 @@ class BoundingLaw:
     is_certified: bool = False
     adds_damping: bool = False
     exchanges: bool = False
+    numbers: tuple[tuple[str, float], ...] = ()
 
     def device(self, dissipation: Dissipation, axes: int = 1) -> DeviceConstants:
         """Return the constants that the functions of this law take."""
-        device = device_constants(dissipation, axes)
+        device = device_constants(dissipation, axes)._replace(**dict(self.numbers))
         return device if self.uses_friction else device._replace(friction=0.0)
 
 
@@ -85,7 +90,52 @@ def observe_energy(state: State, sample: Sample, device: DeviceConstants) -> Sta
     return state + capability * distance * distance + device.friction * distance + sample.work
 
 
-LAWS: Table[BoundingLaw] = Table(
+class LawTable(Table[BoundingLaw]):
+    """The laws, also with other numbers than their own: ``energy_tank(refill=20)``, in SI units."""
+
+    def __contains__(self, kind: object) -> bool:
+        return isinstance(kind, str) and super().__contains__(_split(kind)[0])
+
+    def is_shipped(self, kind: str) -> bool:
+        """Return whether the law ships with forcebound, with any numbers."""
+        return super().is_shipped(_split(kind)[0]) and kind not in self._added
+
+    @property
+    def usual(self) -> list[str]:
+        """The laws that a sweep or an audit of all laws has: not those in ``BY_NAME``."""
+        return [kind for kind in self if kind not in BY_NAME]
+
+    def _load(self, kind: str) -> BoundingLaw:
+        name, written = _split(kind)
+        if not written:
+            return super()._load(kind)
+        law, numbers = self[name], {}
+        for one in written[1:-1].split(","):
+            key, _, text = (part.strip() for part in one.partition("="))
+            try:
+                numbers[key] = float(text)
+            except ValueError:
+                numbers[key] = math.nan
+            if key not in dict(law.numbers) or not 0.0 <= numbers[key] < math.inf:
+                own = ", ".join(f"{name}={value:g}" for name, value in law.numbers) or "none"
+                raise ConfigError(
+                    f"law {name}: expected its numbers, at least 0 and in SI units ({own}), "
+                    f"got {one.strip()!r}",
+                    field="law",
+                )
+        return replace(law, numbers=tuple((dict(law.numbers) | numbers).items()))
+
+
+def _split(kind: str) -> tuple[str, str]:
+    """Return the name of a law, and its numbers in their brackets, if it has some."""
+    match = re.fullmatch(r"(\w+)(\(.*\))", kind)
+    return (match[1], match[2]) if match else (kind, "")
+
+
+#: Laws for a comparison, chosen by name alone: no sweep or audit of all laws has them.
+BY_NAME = frozenset({"energy_tank"})
+
+LAWS = LawTable(
     "laws",
     {
         "none": "forcebound.haptics.laws.none:NONE",
@@ -99,6 +149,7 @@ LAWS: Table[BoundingLaw] = Table(
         ),
         "aol": "forcebound.haptics.laws.aol:AOL",
         "tdpa": "forcebound.haptics.laws.tdpa:TDPA",
+        "energy_tank": "forcebound.haptics.laws.energy_tank:ENERGY_TANK",
         "certified": "forcebound.haptics.laws.certified:CERTIFIED",
         "certified_fading": "forcebound.haptics.laws.certified:CERTIFIED_FADING",
     },

@@ -69,7 +69,11 @@ def one_axis(law: BoundingLaw) -> Step:
             most = rigid_force(available, friction, device.damping, device.hold_limit, reach)
             largest = min(largest, most)
         largest = min(largest, saturation)
-        asked = commanded + added_damping / dt * move if added_damping > 0.0 else commanded
+        asked = commanded
+        if added_damping > 0.0:
+            if largest < saturation:  # the law's limit is of the commanded force
+                asked, largest = min(max(asked, -largest), largest), saturation
+            asked += added_damping / dt * move
         force = min(max(asked, -largest), largest)
         axis = AxisMemory(
             reading, force, axis.mean_force, axis.play, axis.path, axis.older, axis.younger

@@ -40,6 +40,9 @@ class DeviceConstants(NamedTuple):
     start_price: float  # J, friction that may be credited before the first motion is sure
     energy_cap: float  # J, more is of no use for a hold
     hand_speed: float = math.inf  # m/s
+    initial_level: float = 0.0  # J, of an energy tank, as all below
+    target_level: float = 0.0  # J
+    refill: float = 0.0  # N s/m for each J that is missing
 
 
 class AxisConstants(NamedTuple):

@@ -260,7 +260,7 @@ def _values(name: str, value: Value, draw: _Draw | None, problems: Problems) -> 
     if not read:
         return []
     if kind == "all":
-        return _drawn(list(LAWS), draw)
+        return _drawn(LAWS.usual, draw)
     if kind == "repeat":
         return _drawn([str(read.get("from", 1) + i) for i in range(read["repeat"])], draw)
     return _range(value, read, draw, problems)
