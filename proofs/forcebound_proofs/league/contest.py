@@ -18,7 +18,7 @@ from forcebound.lab.engine import Row
 from forcebound.lab.runs import run_all
 from forcebound.run.results import RunResult
 from forcebound_proofs.attack import RANDOM, SEARCH, Outcome, objective
-from forcebound_proofs.cases import LEAST_PEAK, NOISES, encode, minimise, search
+from forcebound_proofs.cases import GENERATION, LEAST_PEAK, NOISES, SPREAD, encode, minimise, search
 from forcebound_proofs.league.methods import Method
 from forcebound_proofs.league.places import (
     ATTACKER,
@@ -118,9 +118,10 @@ class Contest(NamedTuple):
             rows.append({key: row[key] for key in row if key not in FIGURES} | _judged(runs))
             return float(rows[-1]["cost"])
 
-        if ranges and self.budget.tuning:
-            middle, most = np.full(len(ranges), 0.5), self.budget.tuning
-            minimise(cost, middle, 0.3, 8, most, self.budget.seed, bounds=[0.0, 1.0])
+        random = np.random.default_rng(self.budget.seed)
+        while ranges and len(rows) < self.budget.tuning:  # after convergence it begins elsewhere
+            first, left = random.uniform(0.2, 0.8, len(ranges)), self.budget.tuning - len(rows)
+            minimise(cost, first, SPREAD, GENERATION, left, random, bounds=[0.0, 1.0])
         return iter(rows)
 
     def _attack(self, place: Place, words: Words) -> Iterator[Row]:

@@ -4,7 +4,7 @@ To add a method: one entry in :data:`METHODS`. Its ``words`` are ``NAME:=VALUE``
 in which ``{name}`` stands for one of its ``numbers``: what a user would tune.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -26,10 +26,16 @@ class Method(NamedTuple):
     promise: str  # what it says of itself, in a few words
     source: str
     numbers: Mapping[str, Range] = {}  # to be tuned; none: it has none of its own
+    derived: Callable[[Mapping[str, float]], Mapping[str, float]] = dict  # numbers of the words
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Words:
         """Return the words with these numbers in them."""
-        return tuple(word.format(**numbers) for word in self.words)
+        return tuple(word.format(**self.derived(numbers)) for word in self.words)
+
+
+def _refill(numbers: Mapping[str, float]) -> Mapping[str, float]:
+    """Return the numbers of an energy tank, N s/m for each J, of its largest damping."""
+    return {**numbers, "refill": numbers["largest_damping"] / numbers["target_level"]}
 
 
 _law = partial(Method, source="the enhanced force bounding paper, 2017")
@@ -65,14 +71,15 @@ METHODS: dict[str, Method] = {
         },
     ),
     "energy_tank": Method(
-        ("law:=energy_tank(target_level={target_level}, refill={refill})",),
+        ("law:=energy_tank(target_level={target_level}, refill={refill:.4g})",),
         "passive in its own account of a device without friction, encoder and hold",
         "Franken, Stramigioli, Misra, Secchi and Macchelli, IEEE T-RO 27(4), 2011, as two public"
         " implementations have it",
         {
-            "target_level": Range(0.01, 0.1, is_logarithmic=True),
-            "refill": Range(1.0, 300.0, is_logarithmic=True),
+            "target_level": Range(0.01, 1.0, is_logarithmic=True),
+            "largest_damping": Range(1.0, 29.9, is_logarithmic=True),
         },
+        _refill,
     ),
     "certified": Method(("law:=certified",), _CERTIFIED, "docs/theory.md"),
     "certified_fading": Method(("law:=certified_fading",), _CERTIFIED, "docs/theory.md"),
@@ -112,8 +119,12 @@ def method_of_file(kind: str) -> tuple[Method, object]:
         return Method((f"law:={name}",), *_OF_A_USER), LAWS[name]
     model = CONTROLLERS[name]
     floats = [key for key, field in fields_of(model).items() if type(field.default) is float]
-    words = ("law:=none", f"controller:={name}", *(f"controller.{k}:={{{k}}}" for k in floats))
-    return Method(words, *_OF_A_USER, {key: ranges_of(model)[key] for key in floats}), model
+    own = (f"controller.{key}:={{{key}}}" for key in floats)
+    return Method(
+        ("law:=none", f"controller:={name}", *own),
+        *_OF_A_USER,
+        {key: ranges_of(model)[key] for key in floats},
+    ), model
 
 
 def chosen(files: Sequence[str]) -> tuple[dict[str, Method], list[object]]:

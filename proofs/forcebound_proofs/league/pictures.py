@@ -51,9 +51,7 @@ def _stiffness(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -> N
         own = [played[Place("PHANToM", "wall", delay)][method] for delay in at]
         values = np.array([(SCORES[0].of(one) or 0.0) / 1e3 for one in own])
         style = {"marker": "o", "linewidth": 2.2 if method in OURS else 1.1}
-        drawing.line(
-            axes, turns, values, method.replace("_", " "), colour, **style
-        )
+        drawing.line(axes, turns, values, method.replace("_", " "), colour, **style)
         given = np.array([leaks(lowest(one)) for one in own])
         ring: dict[str, Any] = {"markersize": 11, "markeredgecolor": NOT_PASSIVE, "color": "none"}
         axes.plot(np.flatnonzero(given), values[given], "o", **ring)
