@@ -88,6 +88,9 @@ CONTROLLERS: Table[type[ControllerModel]] = Table(
         "direct": "forcebound.haptics.controllers.direct:DirectController",
         "local_model": "forcebound.haptics.controllers.local_model:LocalModel",
         "scaled": "forcebound.haptics.controllers.scaled:Scaled",
+        "successive_stiffness": (
+            "forcebound.haptics.controllers.successive_stiffness:SuccessiveStiffness"
+        ),
         "virtual_coupling": "forcebound.haptics.controllers.virtual_coupling:VirtualCoupling",
     },
     PartShape("forcebound.haptics.controllers:ControllerModel"),
