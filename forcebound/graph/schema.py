@@ -22,6 +22,7 @@ from forcebound.recordings.schema import Schema
 
 SUBSTITUTION = {"type": "string", "pattern": r"\$[({]", "description": "$(arg x) or ${env:X}"}
 _FILE_KIND = {"type": "string", "pattern": r"\.py(:[A-Za-z_][A-Za-z0-9_]*)?$"}  # a user's file
+_WITH_NUMBERS = {"type": "string", "pattern": r"^\w+\(.*\)$"}  # a law, as energy_tank(refill=20)
 _TYPES: Mapping[Any, Schema] = {
     bool: {"type": "boolean"},
     float: {"type": "number"},
@@ -101,7 +102,7 @@ def properties(fields: Mapping[str, Field]) -> Schema:
     for name, field in fields.items():
         value = _schema(field.hint)
         if field.name == "law":
-            value = {"anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND]}
+            value = {"anyOf": [{"enum": sorted(LAWS)}, _FILE_KIND, _WITH_NUMBERS]}
         described: Schema = {"anyOf": [value, SUBSTITUTION]}
         if not field.required and isinstance(field.default, str | int | float):
             described["default"] = field.default

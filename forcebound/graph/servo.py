@@ -40,7 +40,8 @@ class ServoSettings:
     """Settings of the servo of the device node.
 
     Attributes:
-        law: Bounding law, a key of ``forcebound.haptics.laws.LAWS``.
+        law: Bounding law, a key of ``forcebound.haptics.laws.LAWS``; some have numbers, as in
+            ``energy_tank(refill=20)``.
         rate: Of the servo.
         reply_wait: Share of the period between reading and writing.
         readings_per_tick: 2: one for the state, one right before the write; 1: the state's is that

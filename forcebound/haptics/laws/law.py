@@ -42,7 +42,8 @@ class BoundingLaw:
 
     Attributes:
         summary: One line for lists and legends.
-        limit: ``(state, sample, device) -> (state, largest force in N, added damping in N s/m)``.
+        limit: ``(state, sample, device) -> (state, largest force in N, added damping in N s/m)``;
+            the commanded force is shortened, then the damping force is added.
         start: ``(device) -> state`` at the first reading.
         settle: ``(state, write, device) -> state`` once the force of this sample is written.
         energy: ``(state, write, device) -> J``: the law's estimate of the energy
