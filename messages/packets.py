@@ -155,6 +155,7 @@ class EnvironmentQuery(_Wire, frozen=True, tag="environment_query"):
     orientation: Annotated[Quaternion | None, _means("unit quaternion w x y z of the tip")] = None
     buttons: Annotated[_Count | None, _means("bit i: button i of the device is down")] = None
     measured_force: _Measured = UNSET
+    signals: _Signals = UNSET
 
 
 class EnvironmentReply(_Wire, frozen=True, tag="environment_reply"):

@@ -10,6 +10,7 @@ from itertools import chain
 from math import isfinite
 from typing import ClassVar
 
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from forcebound.haptics.controllers import Controller
@@ -60,8 +61,10 @@ class ControllerNode(Node):
         dead_lease_ns: int | None = None,
         hand: str = HAND,
         signals: Collection[Signal] = (),
+        has_port: bool = False,
     ) -> None:
         self._hand = hand
+        self._has_port = has_port  # at the environment, which takes the signals, too
         self._controller = controller
         self._answers_states = "on_state" in overridden(controller, Controller)
         self._queries = 0
@@ -138,6 +141,7 @@ class ControllerNode(Node):
                 state.orientation,
                 state.buttons,
                 state.measured_force,
+                self._signals.numbers() if self._has_port else UNSET,
                 hand=self._hand,
             )
         )

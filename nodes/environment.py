@@ -33,18 +33,13 @@ from forcebound.haptics.parts import overridden
 from forcebound.haptics.parts.user_module import describe_user_error
 from forcebound.messages import control
 from forcebound.messages.events import STATE_INTERVAL_NS, EventLog
-from forcebound.messages.packets import (
-    EnvironmentQuery,
-    EnvironmentReply,
-    Event,
-    Packet,
-    Vector,
-)
+from forcebound.messages.packets import EnvironmentQuery, EnvironmentReply, Event, Packet, Vector
 from forcebound.messages.topology import HAND
 from forcebound.network.chances import ComputationTime
 from forcebound.network.impairment import Impairment
 from forcebound.network.trace import DelayTrace
 from forcebound.nodes import Node, close_part
+from forcebound.nodes.ports import Ports
 from forcebound.nodes.publishing import Signals
 from forcebound.nodes.scene import SceneSource
 from forcebound.roles import ENVIRONMENT
@@ -105,7 +100,7 @@ class EnvironmentNode(Node):
     """Answers the newest query, one at a time, each after its computation time.
 
     The node opens the model for its ``hands``, and closes it in the end. No other environment has
-    its ``name`` in the graph.
+    its ``name`` in the graph. ``ports`` stand between it and the hands.
 
     Raises:
         ConfigError: If the environment cannot be opened.
@@ -121,9 +116,10 @@ class EnvironmentNode(Node):
         name: str = ENVIRONMENT,
         axes: int = 1,
         hands: Collection[str] = (),
+        ports: Ports | None = None,
     ) -> None:
         self._model = model
-        self._axes, self._hands = axes, hands
+        self._axes, self._hands, self._ports = axes, hands, ports
         self._environment = open_environment(model, axes, hands)
         self._computation = ComputationTime() if computation is None else computation
         self._answering: tuple[EnvironmentQuery, _Answer] | None = None
@@ -321,7 +317,12 @@ class EnvironmentNode(Node):
                 felt = query.measured_force or None
                 environment.take_readings(query.hand, query.buttons, felt)
             elapsed = self._users[query.hand].passed(query.elapsed, self._step_ns)
-            answer = environment.force(query.hand, query.position, query.velocity, elapsed)
+            if self._ports is None:
+                answer: Vector | None = environment.force(
+                    query.hand, query.position, query.velocity, elapsed
+                )
+            elif (answer := self._ports.force(query, environment, elapsed)) is None:
+                return None
             force = _vector(answer, query)
             if not all(map(isfinite, force)):
                 raise ValueError(f"expected a finite force, got {force} N")

@@ -22,6 +22,7 @@ from forcebound.nodes.controller import ControllerNode
 from forcebound.nodes.device import DeviceNode
 from forcebound.nodes.environment import EnvironmentNode
 from forcebound.nodes.lease import LEASE_NS
+from forcebound.nodes.ports import Ports
 from forcebound.recordings.delay_traces import trace_of
 from forcebound.roles import CONTROLLER, DEVICE, ENVIRONMENT
 from forcebound.run.bus import reads_once
@@ -29,7 +30,8 @@ from forcebound.run.bus import reads_once
 
 def parts_of(role: str) -> Makes:
     """Return which parts of a configuration the process of a node makes: those it runs."""
-    sections = ("device", "operator") if role == DEVICE else (role,)
+    more = {DEVICE: "operator", ENVIRONMENT: "controller"}  # which has its second port there
+    sections = (role, more.get(role, role))
     return lambda section, kind: section in sections
 
 
@@ -51,7 +53,10 @@ def build_node(
         seed = link_seed(config.seed, "computation")
         times = ComputationTime(computation, seed, trace_of(computation))
         axes = next(iter(config.hands.values())).axes  # all have as many
-        return EnvironmentNode(model, times, environment_name, axes, list(config.hands))
+        models = {name: hand.controller for name, hand in config.hands.items()}
+        models = {name: model for name, model in models.items() if model.port_signals}
+        ports = Ports(models, axes) if models else None
+        return EnvironmentNode(model, times, environment_name, axes, list(config.hands), ports)
     hand_name = node.hand or HAND
     hand = config.hands[hand_name]
     if node.role == DEVICE:
@@ -62,7 +67,8 @@ def build_node(
         except Exception as error:
             raise ConfigError(f"controller: open: {describe_user_error(error)}") from error
         leases = lease_ns(hand), dead_lease_ns(hand)
-        return ControllerNode(controller, *leases, hand_name, hand.controller.declared())
+        signals, has_port = hand.controller.declared(), bool(hand.controller.port_signals)
+        return ControllerNode(controller, *leases, hand_name, signals, has_port)
     raise KeyError(name)
 
 

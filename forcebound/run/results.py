@@ -45,7 +45,7 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
         parts = {"environment": document["environment"], **sections}
         own, served = config.hands[hand], config.environment.model
         models = {"device": own.device, "controller": own.controller, "environment": served}
-        axes = own.named_axes
+        axes, sent = own.named_axes, {"environment": own.controller.port_signals}
         kinds = {section: parts[section]["kind"] for section in KINDS if section in parts}
         device = parts["device"]
         named = {**kinds, "device": device.get("class", kinds["device"]), "law": device["law"]}
@@ -65,7 +65,7 @@ def run_metadata(config: GraphConfig) -> dict[str, str]:
                 for each in declared
             }
             for section, topic in SIGNAL_TOPICS.items()
-            if (declared := models[section].declared())
+            if (declared := [*models[section].declared(), *sent.get(section, ())])
         }
     return {**metadata, "signals": json.dumps(signals)} if signals else metadata
 

@@ -15,12 +15,15 @@ To add a controller: copy ``direct.py`` to ``my_controller.py``, add one line to
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Callable, Collection, Mapping, Sequence
+from typing import ClassVar, TypeAlias
 
 from forcebound.haptics.parts import PartShape, Table
-from forcebound.haptics.parts.signals import Publisher, Publishing
-from forcebound.messages.packets import DeviceState, EnvironmentReply, Vector
+from forcebound.haptics.parts.signals import Publisher, Publishing, Signal
+from forcebound.messages.packets import DeviceState, EnvironmentQuery, EnvironmentReply, Vector
+
+#: Asks the environment: position (m) and velocity (m/s) in, force (N) out, one entry per axis.
+Ask: TypeAlias = Callable[[Vector, Vector], Vector]
 
 
 class Controller(Publisher, ABC):
@@ -55,6 +58,24 @@ class Controller(Publisher, ABC):
         """Release what ``open`` took; called once."""
 
 
+class SecondPort(ABC):
+    """The other end of a controller, beyond the network: in the environment's process.
+
+    A method for a delayed network is a two-port. With a second port, the queries carry the signals
+    of the controller; the second port stands between them and the environment.
+    """
+
+    @abstractmethod
+    def answer(
+        self, query: EnvironmentQuery, signals: Mapping[str, float], ask: Ask
+    ) -> tuple[Vector, Mapping[str, float]]:
+        """Return the force of the reply, in N, and the signals that it carries.
+
+        Queries come in order, none twice; some are missing. ``ask`` may be called more than once:
+        for the environment no time passes in between.
+        """
+
+
 class ControllerModel(Publishing, ABC):
     """Parameters of a kind of controller: a frozen dataclass.
 
@@ -62,14 +83,20 @@ class ControllerModel(Publishing, ABC):
         answers_states: Whether ``on_state`` returns forces, so that an environment may be further
             away than the device's age limit.
         takes_contacts: Whether it uses the contact of a reply.
+        port_signals: What its second port sends; empty: it has no second port.
     """
 
     answers_states: ClassVar[bool] = False
     takes_contacts: ClassVar[bool] = True
+    port_signals: ClassVar[Collection[Signal]] = ()
 
     @abstractmethod
     def open(self, axes: int) -> Controller:
         """Return a new controller in its initial state, for vectors of this many entries."""
+
+    def open_port(self, axes: int) -> SecondPort:
+        """Return a new second port, for vectors of this many entries."""
+        raise NotImplementedError
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
         """Return what to know about the parameters before a start, a sentence each; it is logged.
@@ -91,7 +118,9 @@ CONTROLLERS: Table[type[ControllerModel]] = Table(
         "successive_stiffness": (
             "forcebound.haptics.controllers.successive_stiffness:SuccessiveStiffness"
         ),
+        "tdpa_two_port": "forcebound.haptics.controllers.tdpa_two_port:TdpaTwoPort",
         "virtual_coupling": "forcebound.haptics.controllers.virtual_coupling:VirtualCoupling",
+        "wave_variables": "forcebound.haptics.controllers.wave_variables:WaveVariables",
     },
     PartShape("forcebound.haptics.controllers:ControllerModel"),
 )
