@@ -81,6 +81,43 @@ METHODS: dict[str, Method] = {
         },
         _refill,
     ),
+    "successive_stiffness": Method(
+        (
+            "law:=none",
+            "controller:=successive_stiffness",
+            "controller.gain:={gain}",
+            "controller.largest_force:={largest_force}",
+        ),
+        "nothing to the hand",
+        "Lee, Kim, Singh and Ryu, ICRA 2020, as the first author's library has it",
+        {"gain": Range(0.0, 1.0), "largest_force": Range(0.5, 8.5, is_logarithmic=True)},
+    ),
+    "tdpa_two_port": Method(
+        ("law:=none", "controller:=tdpa_two_port"),
+        "the network gives neither end more than the other put in",
+        "Ryu, Artigas and Preusche, Mechatronics 20(7), 2010; drift: Artigas, Ryu and Preusche,"
+        " IROS 2010",
+    ),
+    "tdpa_two_port_drifts": Method(
+        ("law:=none", "controller:=tdpa_two_port", "controller.drift_compensation:=false"),
+        "the network gives neither end more than the other put in",
+        "Ryu, Artigas and Preusche, Mechatronics 20(7), 2010",
+    ),
+    "wave_variables": Method(
+        (
+            "law:=none",
+            "controller:=wave_variables",
+            "controller.impedance:={impedance}",
+            "controller.cutoff:={cutoff}",
+        ),
+        "the network is passive, also with a delay that varies and with losses",
+        "Niemeyer and Slotine, IEEE JOE 16(1), 1991, and IJRR 23(9), 2004; Lozano, Chopra and"
+        " Spong, Mechatronics 2002",
+        {
+            "impedance": Range(0.2, 20.0, is_logarithmic=True),
+            "cutoff": Range(20.0, 500.0, is_logarithmic=True),
+        },
+    ),
     "certified": Method(("law:=certified",), _CERTIFIED, "docs/theory.md"),
     "certified_fading": Method(("law:=certified_fading",), _CERTIFIED, "docs/theory.md"),
     "certified_deadband": Method(
