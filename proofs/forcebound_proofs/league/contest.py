@@ -59,7 +59,7 @@ class Budget(NamedTuple):
     """What each method gets on each device."""
 
     tuning: int = 40  # evaluations, each of all hands of the place
-    attacks: tuple[int, int] = (100, 300)  # runs of attacking hands: random, learned
+    attacks: tuple[int, int] = (80, 240)  # runs of attacking hands: random, learned
     seconds: float = 6.0  # of a run
     long: float = 20.0  # s, of one by the shaker or the carrier
     attacked: float = 3.0  # s, of an attack

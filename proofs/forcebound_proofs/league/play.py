@@ -19,7 +19,7 @@ from forcebound_proofs.league.places import DEVICES, Place, places
 from forcebound_proofs.league.scores import Worst, worst
 from forcebound_proofs.views import check_page, write_page
 
-SMALL = Budget(tuning=4, attacks=(4, 8), seconds=2.0, long=5.0, attacked=1.0)
+SMALL = Budget(tuning=4, attacks=(4, 8), seconds=1.5, long=5.0, attacked=1.0)
 
 
 class Options(NamedTuple):
