@@ -74,6 +74,7 @@ COMMANDS = {
         "sweep": (LAB, "Run a graph over a grid of its parameters."),
         "map": (LAB, "Draw the map of a sweep's result."),
         "audit": (PROOFS, "Attack the laws in simulation."),
+        "league": (PROOFS, "Compare the methods of the field on equal terms."),
         "reproduce": (PROOFS, "Repeat the paper's experiments."),
         "study": (LAB, "Run a study with people, or simulated observers."),
     },

@@ -1,4 +1,4 @@
-"""Commands ``forcebound audit`` and ``forcebound reproduce``, which it finds as entry points."""
+"""Commands ``forcebound audit``, ``league`` and ``reproduce``, found as entry points."""
 
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -23,6 +23,7 @@ from forcebound.cli.lazy import when_used
 
 with when_used():
     from forcebound_proofs import audit as audits
+    from forcebound_proofs.league import play as leagues
     from forcebound_proofs.paper import reproduce as paper
     from forcebound_proofs.paper import setup
 
@@ -145,6 +146,37 @@ def sensitivity(
     """
     options = {"runs": 0, "searched": searched, "workers": workers}
     _attack({"sensitivity": device}, (), as_json, options)
+
+
+def league(
+    is_small: bool = opt.flag("A few places and a small budget: a minute or two.", "--small"),
+    files: tuple[str, ...] = opt.repeated(
+        "File of a law or controller that plays, too; repeatable.", "--method", metavar="FILE.py"
+    ),
+    out: Path = opt.output("Page to write; its pictures beside it.", Path("league.md")),
+    rows: Path = opt.file(
+        "All runs; a league that was interrupted goes on.",
+        "--table",
+        default=Path("league.parquet"),
+        show_default=True,
+    ),
+    restart: bool = opt.flag("Discard what an earlier league left of the table."),
+    workers: int | None = opt.workers,
+    as_json: bool = opt.as_json,
+) -> None:
+    r"""Compare every passivity method on the same plants, networks and attacks.
+
+    Each is tuned by one budget and attacked where it is worst; the page says first where the
+    certified laws lose. Status 1 if one of them leaks.
+
+    \b
+    forcebound league --small
+    forcebound league --method my_law.py -o my_league.md --table my_league.parquet
+    """
+    with continued("the same command"):
+        found = leagues.play(leagues.Options(out, rows, files, is_small, restart, workers))
+    print_document(found, as_json, leagues.lines)
+    sys.exit(0 if leagues.holds(found) else 1)
 
 
 def reproduce(

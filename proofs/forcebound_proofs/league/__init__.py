@@ -1,0 +1,1 @@
+"""The league: every method on the same devices, worlds, networks and attacks."""

@@ -1,0 +1,297 @@
+"""The page of the league, made whole from its rows; its text is ``league.md`` beside this file."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+from forcebound.lab.engine import Row
+from forcebound.lab.views import groups, table
+from forcebound.results.perception import WEBER_FRACTIONS
+from forcebound.units import DB
+from forcebound.units import energy_in_words as energy
+from forcebound_proofs.attack import RANDOM, SEARCH
+from forcebound_proofs.league.contest import CELL, SHARE, TUNING, Budget
+from forcebound_proofs.league.methods import CERTIFIED, OURS, Method
+from forcebound_proofs.league.places import (
+    ATTACKER,
+    DELAYS,
+    NETWORKS,
+    RESTING,
+    TUNED_AT,
+    WORLDS,
+    Place,
+    file_of,
+)
+from forcebound_proofs.league.scores import (
+    LOST_BY,
+    SCORES,
+    Loss,
+    Worst,
+    cells,
+    compared,
+    leaks,
+    losses,
+    lowest,
+    worst,
+)
+from forcebound_proofs.views import origin
+
+TEXT = Path(__file__).with_name("league.md")
+NOTICED = 1.0 - WEBER_FRACTIONS["displayed_stiffness_n_per_m"][0]
+
+
+def page(
+    rows: Sequence[Row],
+    methods: Mapping[str, Method],
+    budget: Budget,
+    command: str,
+    pictures: Mapping[str, str],
+) -> Iterator[str]:
+    """Yield the page; ``pictures`` are their file names by what they show."""
+    played = cells(rows)
+    counted = sum(map(len, played.values()))
+    found = worst(rows)
+    parts: dict[str, Iterable[str]] = {
+        "count": [
+            f"{len(methods)} methods, each in up to {len(played)} places ({counted} in all),"
+        ],
+        "origin": [origin(command)],
+        "losses": _losses(rows),
+        "verdicts": _verdicts(found),
+        "worst": _worst(found),
+        "stiffness": _over_delay(played),
+        "places": _places(played, found),
+        "methods": _methods(methods),
+        "places_in_words": [_in_words(played)],
+        "networks": _networks(),
+        "tuned": _tuned(rows),
+    }
+    words = {name: "\n".join(lines) for name, lines in parts.items()}
+    shown = {f"{name}_picture": file for name, file in pictures.items()}
+    text = TEXT.read_text(encoding="utf-8").rstrip()
+    numbers = {
+        "just_noticeable": f"{NOTICED:.0%}",
+        "tuned_at": TUNED_AT,
+        "evaluations": budget.tuning,
+        "at_random": budget.attacks[0],
+        "searched": budget.attacks[1],
+        "attacked": f"{budget.attacked:g}",
+        "attacker": ", ".join(ATTACKER).replace("_", " "),
+    }
+    yield text.format(**words, **shown, **numbers)
+
+
+def _gap(loss: Loss) -> float:
+    """Return how large a loss is, 0 to 1, to compare those of one figure."""
+    apart = abs(loss.theirs - loss.ours)
+    return apart if loss.score.unit is DB else apart / max(abs(loss.theirs), abs(loss.ours))
+
+
+def _against(loss: Loss) -> str:
+    score, unit = loss.score, loss.score.unit.unit
+    ours, theirs = (f"{score.show(one)} {unit}".strip() for one in (loss.ours, loss.theirs))
+    return f"{loss.place.label}: {ours}, `{loss.method}` {theirs}"
+
+
+def _losses(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield where the certified law loses: in all, by figure, and each loss to a passive method."""
+    passive, every = (list(losses(rows, with_leaks)) for with_leaks in (False, True))
+    count = sum(compared(rows, score) for score in SCORES)
+    yield (
+        f"In {count} comparisons, each of one figure in one place, `{CERTIFIED}` loses"
+        f" **{len(passive)}** to methods of which no leak was found on that device, and"
+        f" **{len(every)}** to any method. It is compared with the best of them. A loss is more"
+        f" than {LOST_BY:.0%} of its figure, and more than the least difference in the table.\n"
+    )
+    heads = (
+        "figure",
+        "least difference",
+        "places",
+        "lost to methods without a leak",
+        "worst",
+        "lost to any",
+        "worst",
+    )
+    yield from table(heads, _by_figure(rows, passive, every))
+    if passive:
+        yield "\nEach loss to a method of which no leak was found:\n"
+        lines = ((loss.score.label, _against(loss)) for loss in passive)
+        yield from table(("figure", f"place: `{CERTIFIED}`, the other"), lines)
+
+
+def _by_figure(
+    rows: Sequence[Row], passive: Sequence[Loss], every: Sequence[Loss]
+) -> Iterator[list[object]]:
+    for score in SCORES:
+        line: list[object] = [score.label, score.unit.show(score.least), compared(rows, score)]
+        for lost in (passive, every):
+            own = [loss for loss in lost if loss.score is score]
+            line += [len(own), _against(max(own, key=_gap)) if own else "–"]
+        yield line
+
+
+def _verdicts(found: Sequence[Worst]) -> Iterator[str]:
+    for one in found:
+        if one.leaks and one.method in OURS:
+            gave = f"`{one.method}` gave {energy(-one.energy)} on the {one.device}"
+            yield f"**{gave}: a broken promise.**\n"
+    for device in dict.fromkeys(one.device for one in found):
+        own = [one for one in found if one.device == device]
+        kept = ", ".join(f"`{one.method}`" for one in own if not one.leaks) or "none"
+        gave = ", ".join(f"`{one.method}` ({energy(-one.energy)})" for one in own if one.leaks)
+        yield f"* {device}: no leak was found of {kept}. Energy was given by {gave or 'none'}."
+    yield ""
+    yield "*No leak found* is no proof: only a certificate excludes one."
+
+
+def _worst(found: Sequence[Worst]) -> Iterator[str]:
+    heads = (
+        "method",
+        "device",
+        "hands of the places",
+        "random",
+        "learned",
+        "least share left",
+        "failed",
+        "worst in",
+    )
+    yield from table(
+        heads,
+        (
+            (
+                f"`{one.method}`",
+                one.device,
+                *(energy(one.by_kind[kind]) for kind in (CELL, RANDOM, SEARCH)),
+                "–" if one.leaks else f"{one.share_left:.1%}",
+                one.failed,
+                f"{one.row['world']}, {one.row['network']}",
+            )
+            for one in found
+        ),
+    )
+    yield (
+        "\n*Least share left*: of the energy that the hand had put in so far, at the worst moment."
+        " *Failed*: runs that did not end, since the hand was thrown into a pose which the arm"
+        " cannot leave. The worst runs, to repeat:\n"
+    )
+    yield "```sh"
+    for one in found:
+        if one.leaks:
+            yield f"{one.row['command']}  # {energy(one.energy)}"
+    yield "```"
+
+
+def _gave(rows: Sequence[Row]) -> str:
+    given = lowest(rows)
+    return energy(-given) if given is not None and leaks(given) else ""
+
+
+def _over_delay(played: Mapping[Place, Mapping[str, list[Row]]]) -> Iterator[str]:
+    at = [Place("PHANToM", "wall", delay) for delay in DELAYS]
+    known = [place for place in at if place in played]
+    stiffness = SCORES[0]
+
+    def cell(rows: Sequence[Row]) -> str:
+        value, gave = stiffness.of(rows), _gave(rows)
+        text = stiffness.show(value) if value else "moves"
+        return f"{text}, gave {gave}" if gave else text
+
+    heads = ("N/mm of 10", *(place.network for place in known))
+    methods = played[known[0]]
+    yield from table(heads, ((f"`{m}`", *(cell(played[p][m]) for p in known)) for m in methods))
+    yield "\n*Moves*: no hand comes to rest."
+
+
+def _places(
+    played: Mapping[Place, Mapping[str, list[Row]]], found: Sequence[Worst]
+) -> Iterator[str]:
+    giving = {(one.method, one.device) for one in found if one.leaks}
+    for place, by_method in played.items():
+        yield f"### {place.label}\n"
+        every = {name: [score.of(rows) for score in SCORES] for name, rows in by_method.items()}
+        shown = [
+            n for n in range(len(SCORES)) if any(values[n] is not None for values in every.values())
+        ]
+        best = {
+            n: _best(n, every, {m for m, device in giving if device == place.device}) for n in shown
+        }
+        heads = [score.unit.label(score.label) for score in (SCORES[n] for n in shown)]
+        lines = []
+        for name, values in every.items():
+            line = [f"`{name}`"]
+            for n in shown:
+                text = SCORES[n].show(values[n])
+                line.append(
+                    f"**{text}**" if values[n] is not None and values[n] == best[n] else text
+                )
+            rows = by_method[name]
+            share = values[1]
+            softer = "–" if share is None else "yes" if share < NOTICED else "no"
+            lines.append((*line, softer, _gave(rows) or "–", *_notes(rows)))
+        yield from table(("method", *heads, "softer", "gave", "notes"), lines)
+        yield ""
+
+
+def _best(n: int, every: Mapping[str, Sequence[float | None]], giving: set[str]) -> float | None:
+    join = max if SCORES[n].is_higher_better else min
+    values = (one[n] for name, one in every.items() if name not in giving)
+    return join((value for value in values if value is not None), default=None)
+
+
+def _notes(rows: Sequence[Row]) -> Iterator[str]:
+    failed = [row["hand"] for row in rows if row["error"]]
+    still = [row for row in rows if row.get("at_rest") is False and row["hand"] in RESTING]
+    words = [f"{hand}: thrown out" for hand in failed] + [f"{row['hand']} moves" for row in still]
+    yield ", ".join(words)
+
+
+def _methods(methods: Mapping[str, Method]) -> Iterator[str]:
+    lines = (
+        (
+            f"`{name}`",
+            " ".join(f"`{word}`" for word in one.words),
+            one.promise,
+            ", ".join(one.numbers) or "–",
+            one.source,
+        )
+        for name, one in methods.items()
+    )
+    yield from table(("method", "in a launch file", "promise", "tuned", "source"), lines)
+
+
+def _in_words(played: Mapping[Place, object]) -> str:
+    parts = []
+    rows = [place._asdict() for place in played]
+    for (device, world), own in groups(rows, "device", "world").items():
+        file = file_of(Place(device, world, TUNED_AT))
+        networks = ", ".join(f"*{row['network']}*" for row in own)
+        hands = ", ".join(f"`{hand}`" for hand in WORLDS[world].hands)
+        parts.append(f"* {device}, {world} (`{file}`): hands {hands}; networks {networks}")
+    return "\n\n" + "\n".join(parts)
+
+
+def _networks() -> Iterator[str]:
+    lines = ((name, " ".join(f"`{word}`" for word in words)) for name, words in NETWORKS.items())
+    yield from table(("network", "each way"), lines)
+
+
+def _tuned(rows: Sequence[Row]) -> Iterator[str]:
+    lines = []
+    tuning = [row for row in rows if row["kind"] == TUNING]
+    for (method, device), own in groups(tuning, "method", "device").items():
+        best = min(own, key=lambda row: float(row["cost"]))
+        numbers = ", ".join(
+            f"{name} {value:g}" for name, value in json.loads(best["numbers"]).items()
+        )
+        felt = f"{-best['cost']:.1%}" if best["cost"] <= 0.0 else "gives energy"
+        giving = sum(leaks(row["energy_j"]) for row in own)
+        lines.append((f"`{method}`", device, len(own), giving, numbers, felt))
+    heads = (
+        "method",
+        "device",
+        "evaluations",
+        "of them gave energy",
+        "chosen",
+        SHARE.replace("_", " "),
+    )
+    yield from table(heads, lines)

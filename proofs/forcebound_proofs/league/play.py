@@ -1,0 +1,96 @@
+"""Command ``forcebound league``: all methods in all places, their table, page and pictures."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from forcebound.files import check_writable
+from forcebound.lab.engine import Campaign, Row, run
+from forcebound.lab.views import table
+from forcebound.lab.workers import local_executor
+from forcebound.run.progress import progress_bar
+from forcebound.units import energy_in_words as energy
+from forcebound_proofs.cases import optimiser
+from forcebound_proofs.league import methods as methods_of
+from forcebound_proofs.league.contest import Budget, Contest
+from forcebound_proofs.league.methods import OURS
+from forcebound_proofs.league.page import page
+from forcebound_proofs.league.places import DEVICES, Place, places
+from forcebound_proofs.league.scores import Worst, worst
+from forcebound_proofs.views import check_page, write_page
+
+SMALL = Budget(tuning=4, attacks=(4, 8), seconds=1.5, long=5.0, attacked=1.0)
+
+
+class Options(NamedTuple):
+    """Options of the command."""
+
+    out: Path
+    rows: Path  # Parquet file
+    files: tuple[str, ...] = ()  # of a user's methods
+    is_small: bool = False
+    restart: bool = False
+    workers: int | None = None
+
+    @property
+    def command(self) -> str:
+        """The command that makes the page."""
+        own = [f"--method {Path(file).name}" for file in self.files]
+        words = [*(["--small"] if self.is_small else []), *own]
+        return " ".join(["forcebound league", *words, f"--output {self.out}"])
+
+
+def play(options: Options) -> list[Worst]:
+    """Play the league, write table, page and pictures; return the worst of each method.
+
+    Raises:
+        ConfigError: If a file of a method is wrong, or something cannot be written.
+    """
+    check_page(options.out)
+    check_writable(options.rows, "the table")
+    optimiser()
+    budget = SMALL if options.is_small else Budget()
+    methods, parts = methods_of.chosen(options.files)
+    played = places(options.is_small)
+    contests = [
+        Contest(name, method, own, budget)
+        for device in DEVICES
+        if (own := tuple(place for place in played if place.device == device))
+        for name, method in methods.items()
+    ]
+    campaign = Campaign("league", contests, part=1, decisive=parts)
+    with progress_bar("league") as show, local_executor(options.workers) as executor:
+        rows = run(campaign, executor, show, options.rows, options.restart, options.restart).rows
+    _write(rows, methods, budget, options)
+    return worst(rows)
+
+
+def _write(
+    rows: list[Row], methods: dict[str, methods_of.Method], budget: Budget, options: Options
+) -> None:
+    from forcebound_proofs.league import pictures  # slow to import
+
+    names = ("stiffness", "transparency", "energy")
+    files = {one: options.out.with_name(f"{options.out.stem}_{one}.png") for one in names}
+    pictures.draw(rows, files)
+    shown = {one: file.name for one, file in files.items()}
+    write_page(options.out, page(rows, methods, budget, options.command, shown))
+
+
+def holds(found: list[Worst]) -> bool:
+    """Return whether no certified law gave energy."""
+    return not any(one.leaks for one in found if one.method in OURS)
+
+
+def lines(found: list[Worst]) -> Iterator[str]:
+    """Yield the result for a terminal."""
+    rows = (
+        (
+            one.method,
+            one.device,
+            energy(one.energy),
+            Place(*(one.row[k] for k in Place._fields)).label,
+        )
+        for one in found
+    )
+    yield from table(("method", "device", "lowest energy", "in"), rows)
