@@ -8,8 +8,7 @@ from importlib import import_module
 import click
 
 NAMES = {
-    "gallery": "Take the pictures of docs/gallery.md.",
-    "live_pictures": "Take the pictures of the live page.",
+    "gallery": "Make the films and pictures of docs: gallery, live page, README.",
     "networks": "Draw the delay of each named network over a minute.",
     "rabbit": "Make the mesh of touch_mesh.",
     "rough_cloud": "Press on clouds of points.",

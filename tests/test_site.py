@@ -1,5 +1,6 @@
 """The site, built without a warning; the gallery; the texts beside the code."""
 
+import json
 import re
 import subprocess
 import sys
@@ -11,11 +12,24 @@ import pytest
 from ruamel.yaml import YAML
 
 import forcebound
-from experiments.gallery import entries
+from experiments.films import FILMS, PICTURES
+from experiments.gallery import (
+    APART,
+    ENDS,
+    WITHOUT_FILM,
+    entries,
+    films,
+    launch_line,
+    plots,
+)
+from experiments.page import Take, end_of
+from forcebound.graph.document import GROUPS
 
 ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
 MOST_LINES = 20  # of an entry of the gallery
-LARGEST, ALL = 200_000, 1_500_000  # B, of its pictures
+LARGEST, ALL, ALL_FILMS = 200_000, 1_500_000, 6_000_000  # B, of its pictures
+SAME = 1e-4  # m, or rad, by which the end of a film may differ from that of the world
 
 
 @pytest.fixture(scope="module")
@@ -46,17 +60,48 @@ def test_the_reference_has_every_public_name(site: Path) -> None:
 
 
 def test_an_entry_of_the_gallery_is_small() -> None:
-    parts = (ROOT / "docs/gallery.md").read_text(encoding="utf-8").split("\n## ")[1:]
-    assert len(parts) == len(entries()) >= 12
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    parts = re.split("\n###? ", text)[1:]
+    assert len(entries()) >= 12
     assert [part for part in parts if len(part.strip().splitlines()) > MOST_LINES] == []
     sizes = [picture.stat().st_size for picture, _ in entries().values()]
     assert max(sizes) < LARGEST
     assert sum(sizes) < ALL
+    assert sum(file.stat().st_size for file, _ in films().values()) < ALL_FILMS
 
 
-def test_no_picture_of_the_gallery_is_without_an_entry() -> None:
-    shown = {picture for picture, _ in entries().values()}
-    assert set((ROOT / "docs/gallery").iterdir()) - shown == set()
+def test_every_launch_file_has_a_film_or_a_reason_for_none() -> None:
+    known = {name for names in GROUPS.values() for name in names}
+    assert known == FILMS.keys() | WITHOUT_FILM.keys()
+    assert not FILMS.keys() & WITHOUT_FILM.keys()
+    assert [name for name, take in FILMS.items() if take.launch != name] == []
+
+
+def test_each_film_stands_above_the_command_that_shows_it() -> None:
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    for file, take in films().values():
+        shown = f"]({file.relative_to(DOCS)})\n\n```sh\n{launch_line(take)}\n```\n"
+        assert shown in text, shown
+
+
+def test_every_picture_is_made_by_the_command_and_shown() -> None:
+    made = {file for file, _ in (*films().values(), *plots().values())}
+    made |= {DOCS / f"{name}.png" for name in (*PICTURES, *APART)}
+    found = {file for kind in ("png", "webp") for file in DOCS.rglob(f"*.{kind}")}
+    assert found == made
+    pages = [ROOT / "README.md", *DOCS.rglob("*.md"), *(ROOT / "proofs").rglob("*.md")]
+    text = "".join(page.read_text(encoding="utf-8") for page in pages)
+    assert [file.name for file in found if file.name not in text] == []
+
+
+@pytest.mark.parametrize(("name", "take"), [(n, take) for n, (_, take) in films().items()])
+def test_a_film_is_not_older_than_what_it_shows(name: str, take: Take) -> None:
+    ends = json.loads(ENDS.read_text(encoding="utf-8"))
+    old = f"the world has changed: python -m experiments gallery {name}"
+    tips = end_of(take)
+    assert tips.keys() == ends[name].keys()
+    for hand, tip in tips.items():
+        assert tip == pytest.approx(ends[name][hand], abs=SAME), old
 
 
 def read(name: str) -> Any:

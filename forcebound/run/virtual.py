@@ -12,7 +12,7 @@ from forcebound.graph.graph import GraphConfig
 from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import kind_of, to_document
 from forcebound.haptics.environments import may_report_contacts
-from forcebound.messages.control import Configure
+from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.events import PHASE_BEGINS, EventLog, is_of
 from forcebound.messages.packets import TOPIC_OF, EnvironmentReply, Event, Packet, Telemetry
 from forcebound.messages.topology import Document, flat
@@ -86,9 +86,13 @@ class VirtualGraph:
             phase = self._phases.popleft()
             start_ns = phase.start_ns
             self._simulation.run(start_ns)
-            self._tuner(self._simulation, Configure(start_ns, phase.values))
+            self.set(phase.values)
             self._observe(self._launcher.emit(start_ns, PHASE_BEGINS, phase.message, phase.data))
         self._simulation.run(until_ns)
+
+    def set(self, values: Parameters) -> None:
+        """Change parameters from now on, to values of which the configuration has been made."""
+        self._tuner(self._simulation, Configure(self.time_ns, values))
 
     def report_end(self) -> None:
         """Let the nodes and links report what they report of the run at its end."""
