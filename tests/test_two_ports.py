@@ -219,7 +219,7 @@ def test_waves_stay_passive_at_a_stiff_wall_where_its_late_force_alone_does_not(
     def given(method: str) -> float:
         arguments = {"law": "none", "age_limit": "300 ms", "delay": delay, "controller": method}
         run = run_virtual(GraphConfig.read("stiff_wall", **arguments))
-        return -min(run.columns.true_energy)
+        return -float(min(run.columns.true_energy))
 
     assert given("wave_variables") < 1e-6
     assert given("direct") > 0.1
