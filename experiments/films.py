@@ -77,7 +77,9 @@ FILMS = {
     "hold_arm": Take(
         "hold_arm", 3.0, ["approach_speed:=20 mm/s"], query="view=0.1,-0.4,0.4,-0.04,0,0"
     ),
-    "desktop_arm": Take("desktop_arm", 2.5, ["approach_speed:=20 mm/s"]),
+    "desktop_arm": Take(
+        "desktop_arm", 2.5, ["approach_speed:=20 mm/s"], query="view=0.075,-0.6,0.35,0,0,0"
+    ),
     "follow_path": Take("follow_path", 3.0, query="view=0.03,0,0.9,0.03,0.005,0"),
     "sliding_friction": Take("sliding_friction", 4.0, query="view=0.045,-0.7,0.4,0.005,0,0"),
     "palpation": Take("palpation", 3.0),
@@ -104,8 +106,9 @@ _PRESSED = Take(
 )
 _RABBIT, _BOX = FILMS["pointer_rabbit"], FILMS["pointer_two_hands"]
 PICTURES = {
-    "live-page": _PRESSED,
-    "live-page-phone": replace(_PRESSED, window=(390, 844), shown=1.5, is_phone=True),
+    "live-page-phone": replace(
+        _PRESSED, part=("body", ".plots"), window=(390, 844), shown=1.5, is_phone=True
+    ),
     "live-page-touch": replace(
         _RABBIT, seconds=2.8, query="", part=WHOLE, window=LARGE, is_dark=True
     ),

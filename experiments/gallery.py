@@ -27,7 +27,7 @@ STILL = 0.2  # s between two looks of the browser before a picture
 LARGEST = 1400  # pixels, width
 COLOURS = 256
 MOST, MOST_README = 400_000, 2_000_000  # B of a film
-#: Where the tips are at the end of each film, in m: a world that has changed has an old film.
+#: Where the tips are at the end of the film of each world, in m: once that changes, it is old.
 ENDS = DOCS / "gallery" / "ends.json"
 LIVE = DOCS / "live-page.webp"
 #: Pictures of other pages, by the command that makes them.
@@ -116,9 +116,10 @@ def show(driver: Any, name: str) -> None:
     else:
         file, take = films()[name]
         film(driver, take, file, MOST_README if file == LIVE else MOST)
-        ends = json.loads(ENDS.read_text()) if ENDS.exists() else {}
-        ends[name] = end_of(take)
-        ENDS.write_text(json.dumps(ends, indent=1, sort_keys=True) + "\n")
+        if name in FILMS:
+            ends = json.loads(ENDS.read_text()) if ENDS.exists() else {}
+            ends[name] = end_of(take)
+            ENDS.write_text(json.dumps(ends, sort_keys=True) + "\n")
     click.echo(f"wrote {file}, {file.stat().st_size} B")
 
 

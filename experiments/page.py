@@ -8,14 +8,12 @@ import base64
 import importlib
 import io
 import json
-import math
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -30,7 +28,7 @@ from forcebound.graph.loader import load
 from forcebound.graph.names import parameter_name
 from forcebound.graph.parameters import change, parameters
 from forcebound.messages.control import DeviceStatus, Point, Pointed
-from forcebound.messages.packets import TOPIC_OF, Event, Packet, Scene, Vector
+from forcebound.messages.packets import TOPIC_OF, Event, Packet, Scene, Telemetry, Vector
 from forcebound.messages.topology import node_name
 from forcebound.nodes.device import DeviceNode
 from forcebound.observe.page.controls import BROKEN, SAFE, Controls
@@ -126,9 +124,7 @@ class VirtualPointer:
 class VirtualPage:
     """A graph in virtual time, and the messages that its page gets."""
 
-    def __init__(
-        self, run_dir: Path, launch: str, words: Sequence[str], *, is_judged: bool = True
-    ) -> None:
+    def __init__(self, run_dir: Path, launch: str, words: Sequence[str]) -> None:
         self._run_dir, self._config = run_dir, load(launch, words)
         self._packets: list[Packet] = []
         controls = self._controls = VirtualControls(run_dir, launch, self._config)
@@ -144,8 +140,9 @@ class VirtualPage:
             hand: Lead(self.pointers[hand].point, start, shown.feed.hands[hand].state)
             for hand, start in controls.starts.items()
         }
+        self._signalling = {name.partition(".")[0] for name in self._shown.feed.signals}
         self.file = self._shown.feed.file
-        self._next = 0.0 if is_judged else math.inf
+        self._next = 0.0
 
     def take(self) -> Iterator[Received]:
         """Give the packets since the last look, as a reader of the run directory does."""
@@ -158,9 +155,9 @@ class VirtualPage:
             if topic in SHOWN or name in self._signalling:
                 yield Received(name, packet, b"")
 
-    @property
-    def _signalling(self) -> set[str]:
-        return {name.partition(".")[0] for name in self._shown.feed.signals}
+    def close(self) -> None:
+        """Close the nodes."""
+        self._graph.close()
 
     def begin(self) -> list[Message]:
         """Return the messages before the first frame."""
@@ -176,12 +173,6 @@ class VirtualPage:
             recent = {hand: one.recent for hand, one in self._shown.feed.hands.items()}
             self._shown.take_judged(self._controls.judge(recent))
         return self._shown.look(seconds)
-
-    def move(self, hand: str, moves: Sequence[tuple[float, Vector]], seconds: float) -> None:
-        """Move a pointer to where it is at a time: on the straight line between two places."""
-        times, places = zip(*moves, strict=True)
-        axes = zip(*places, strict=True)
-        self.pointers[hand].point(tuple(float(np.interp(seconds, times, one)) for one in axes))
 
     def press(self, button: str) -> list[Message]:
         """Press *Break it* or *Make it safe*."""
@@ -286,19 +277,35 @@ def pictures(driver: Any, take: Take, frame: float = FRAME) -> Iterator[Image.Im
     size = {"width": width, "height": height, "deviceScaleFactor": take.shown, "mobile": is_phone}
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     driver.execute_cdp_cmd("Emulation.setScrollbarsHidden", {"hidden": True})
+    with opened(take) as page, served(page.file) as address:
+        driver.get(f"{address}?{take.query}")
+        show(driver, 0.0, page.begin())
+        every, messages = round(frame / STEP), list[Message]()
+        for step, more in enumerate(played(page, take), 1):
+            messages += more
+            if step % every == 0:
+                show(driver, step * STEP, messages)
+                messages = []
+                if step * STEP > take.begin:
+                    yield taken(driver, take)
+
+
+@contextmanager
+def opened(take: Take) -> Iterator[VirtualPage]:
+    """Give the page of a take, with a run directory for a while."""
     with TemporaryDirectory(prefix="fb-") as folder:
         page = VirtualPage(Path(folder), take.launch, take.words)
-        with served(page.file) as address:
-            driver.get(f"{address}?{take.query}")
-            show(driver, 0.0, page.begin())
-            every, messages = round(frame / STEP), list[Message]()
-            for step, more in enumerate(played(page, take), 1):
-                messages += more
-                if step % every == 0:
-                    show(driver, step * STEP, messages)
-                    messages = []
-                    if step * STEP > take.begin:
-                        yield taken(driver, take)
+        with closing(page):
+            yield page
+
+
+def move(pointers: Mapping[str, VirtualPointer], take: Take, seconds: float) -> None:
+    """Move pointers to where they are at a time; after its last move the page may lead one."""
+    for hand, moves in take.moves.items():
+        times, places = zip(*moves, strict=True)
+        if seconds < times[-1] + STEP:
+            axes = zip(*places, strict=True)
+            pointers[hand].point(tuple(float(np.interp(seconds, times, one)) for one in axes))
 
 
 def played(page: VirtualPage, take: Take) -> Iterator[list[Message]]:
@@ -308,19 +315,24 @@ def played(page: VirtualPage, take: Take) -> Iterator[list[Message]]:
         now, messages = step * STEP, list[Message]()
         while presses and presses[0][0] <= now:
             messages += page.press(presses.pop(0)[1])
-        for hand, moves in take.moves.items():
-            page.move(hand, moves, now)
+        move(page.pointers, take, now)
         yield messages + page.run(now)
 
 
 def end_of(take: Take) -> dict[str, list[float]]:
-    """Return where the tip of each hand is at the end of a take, in m, on each axis."""
+    """Return where the tips of the hands are after a take without presses, in m, on each axis."""
     tips: dict[str, list[float]] = {}
-    with TemporaryDirectory(prefix="fb-") as folder:
-        page = VirtualPage(Path(folder), take.launch, take.words, is_judged=False)
-        for message in chain.from_iterable(played(page, take)):
-            if message["type"] == "frame":
-                tips[message["hand"]] = [round(one, 6) for one in message["tip"]]
+
+    def note(packet: Packet) -> None:
+        assert isinstance(packet, Telemetry)
+        tips[packet.hand] = [round(one, 6) for one in packet.true_position or packet.position]
+
+    graph = VirtualGraph(load(take.launch, take.words), note, (Telemetry,), has_views=False)
+    with closing(graph):
+        pointers = {hand: VirtualPointer(device) for hand, device in graph.devices.items()}
+        for step in range(1, round(take.seconds / STEP) + 1):
+            move(pointers, take, step * STEP)
+            graph.run(round(step * STEP * 1e9))
     return tips
 
 

@@ -94,8 +94,8 @@ def test_every_picture_is_made_by_the_command_and_shown() -> None:
     assert [file.name for file in found if file.name not in text] == []
 
 
-@pytest.mark.parametrize(("name", "take"), [(n, take) for n, (_, take) in films().items()])
-def test_a_film_is_not_older_than_what_it_shows(name: str, take: Take) -> None:
+@pytest.mark.parametrize(("name", "take"), FILMS.items(), ids=FILMS)
+def test_a_film_is_not_older_than_its_world(name: str, take: Take) -> None:
     ends = json.loads(ENDS.read_text(encoding="utf-8"))
     old = f"the world has changed: python -m experiments gallery {name}"
     tips = end_of(take)
