@@ -1,9 +1,11 @@
 """Emulators in virtual time: board, mechanism, hand, faults and truth together."""
 
 import math
+import os
 import struct
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,12 +17,17 @@ from forcebound.errors import ConfigError, DeviceError
 from forcebound.haptics.devices import Truth
 from forcebound.haptics.devices.truth_file import NOBODY, TruthFile, truth_beside
 from forcebound.haptics.hands.hands import PressingHand
+from forcebound.hardware import feetech_frames
 from forcebound.hardware.emulators.emulation import Emulation
 from forcebound.hardware.emulators.faults import Fault, Faults, parse_fault
+from forcebound.hardware.emulators.feetech_bus import GOAL, MODE, TORQUE
 from forcebound.hardware.emulators.program import EMULATORS
-from forcebound.hardware.emulators.pty import PseudoPort
+from forcebound.hardware.emulators.pty import PseudoPort, serve
+from forcebound.hardware.feetech import Feetech, OpenFeetechs
 from forcebound.hardware.haply_2diy import Haply2DIY
 from forcebound.hardware.odrive import ODrive
+from forcebound.hardware.servo_requests import orders
+from forcebound.stop import Stop
 
 MS = 1_000_000
 HAND = PressingHand(mass=0.1, stiffness=200.0, damping=2.0, approach_speed=0.1)
@@ -219,6 +226,27 @@ def test_a_file_of_somebody_else_is_no_truth(tmp_path: Path) -> None:
 def test_a_port_in_a_folder_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"board.truth: there is no folder .*nowhere"):
         PseudoPort(tmp_path / "nowhere" / "board")
+
+
+def test_an_emulator_that_nobody_uses_ends_only_when_the_last_order_has_acted(
+    tmp_path: Path,
+) -> None:
+    model = Feetech()
+    zero, _ = OpenFeetechs.rest(model)
+    on = [(MODE, {1: b"\2"}), (TORQUE, {1: b"\1"}), (GOAL, {1: b"\xff\0"})]
+    with PseudoPort(tmp_path / "bus") as port, Stop() as stop:
+        port.show(port.name)
+        board, mechanism = EMULATORS["feetech"](model, None)
+        emulation = Emulation(board, mechanism, Faults(()), port.truth)
+        emulation.start(time.monotonic_ns())
+        user = os.open(port.name, os.O_RDWR | os.O_NOCTTY)
+        os.write(user, orders(feetech_frames, on) + feetech_frames.read(1, TORQUE, 1))
+        while not (any(mechanism.torque) and emulation.replies):
+            emulation.step(port.read(), time.monotonic_ns())
+        os.write(user, zero)
+        os.close(user)
+        serve(emulation, port, stop, until_unused=True)
+        assert not any(mechanism.torque)
 
 
 def test_a_board_that_is_reset_keeps_its_torque_and_gives_no_angles(truth: TruthFile) -> None:

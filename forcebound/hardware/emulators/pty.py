@@ -119,7 +119,8 @@ def serve(emulation: Emulation, port: PseudoPort, stop: Stop, until_unused: bool
             emulation.release(time_ns)
         was_used = emulation.replies > 0
         is_unused = not port.is_open and (was_used or time_ns - start_ns > UNUSED_TIMEOUT_NS)
-        if until_unused and is_unused:
+        # An order that is still on the wire, such as a guardian's zero, acts first.
+        if until_unused and is_unused and emulation.wake_ns is None:
             return
 
 
