@@ -218,7 +218,8 @@ class EnvironmentNode(Node):
             return
         user.heard_ns = time_ns
         user.is_present = True
-        self._waiting[query.hand] = query
+        if self._ports is None or self._ports.takes(query):
+            self._waiting[query.hand] = query
 
     def _drop_absent(self, time_ns: int) -> None:
         """Let hands leave whose queries have ended."""
@@ -318,11 +319,9 @@ class EnvironmentNode(Node):
                 environment.take_readings(query.hand, query.buttons, felt)
             elapsed = self._users[query.hand].passed(query.elapsed, self._step_ns)
             if self._ports is None:
-                answer: Vector | None = environment.force(
-                    query.hand, query.position, query.velocity, elapsed
-                )
-            elif (answer := self._ports.force(query, environment, elapsed)) is None:
-                return None
+                answer = environment.force(query.hand, query.position, query.velocity, elapsed)
+            else:
+                answer = self._ports.force(query, environment, elapsed)
             force = _vector(answer, query)
             if not all(map(isfinite, force)):
                 raise ValueError(f"expected a finite force, got {force} N")

@@ -44,7 +44,7 @@ GROUPS = {
         " desktop_arm hold_arm servo_wall dynamixel_arm feetech_arm",
         "pages": "pointer_wall pointer_touch pointer_rabbit pointer_membrane pointer_two_hands",
         "paper": "paper_wall paper_time_varying_wall",
-        "networks": "delayed_wall far_wall stress remote_wall leader_follower_remote",
+        "networks": "delayed_wall far_wall two_port_wall stress remote_wall leader_follower_remote",
     }.items()
 }
 

@@ -128,11 +128,11 @@ class HandPort(Controller):
     def on_reply(self, reply: EnvironmentReply, time_ns: int) -> Vector | None:
         """Take the answer; return the force if it answers the newest state."""
         self._heard_ns, self._answer, book = time_ns, reply.force, self._book
-        if isinstance(reply.signals, Mapping):
-            book.other = max(book.other, reply.signals["port_energy_in"])
-            if reply.environment != self._environment:  # it has begun to count
-                book.left = book.other = reply.signals["port_energy_in"]
-                self._environment = reply.environment
+        signals = reply.signals if isinstance(reply.signals, Mapping) else {}
+        entered = signals.get("port_energy_in", 0.0)
+        book.other = max(book.other, entered)
+        if reply.environment != self._environment:  # it has begun to count
+            book.left, book.other, self._environment = entered, entered, reply.environment
         state = self._state
         return self._force(state) if state and state.seq == reply.device_seq else None
 
