@@ -54,6 +54,7 @@ def test_the_stiffnesses_are_those_that_the_program_prints(folder: Path) -> None
 
     once: dict[str, list[str]] = {}
     late: dict[str, list[str]] = {}
+    limits: dict[str, list[float]] = {}
     found = once
     for line in printed(folder, "gains.py"):
         if "times" in line:
@@ -61,8 +62,11 @@ def test_the_stiffnesses_are_those_that_the_program_prints(folder: Path) -> None
             continue
         name, *cells = re.split(r"\s+\|\s+", line)
         found[name.split()[0]] = cells
-    for joint, gain, _, stiff, none, slow in rows_of_table("joint"):
+        limits[name.split()[0]] = numbers(name.partition("theory:")[2])
+    for joint, gain, theory, share, stiff, none, slow in rows_of_table("joint"):
         all_of_it = float(gain)
+        assert numbers(theory) == pytest.approx(limits[joint], rel=5e-3)
+        assert float(share) == pytest.approx(all_of_it / limits[joint][2], abs=6e-3)
         rows = ((stiff, once[joint]), (slow, late[joint]))
         for text, cells in rows:
             stated = [all_of_it if one == "all" else float(one) for one in text.split(", ")]

@@ -18,6 +18,7 @@ from forcebound.errors import ConfigError
 from forcebound.haptics.laws import LAWS
 from forcebound.lab.cases import grid
 from forcebound.lab.engine import Campaign, run
+from forcebound.lab.sweep.limits import LABELS
 from forcebound.lab.sweep.map_data import drawing_of
 from forcebound.lab.sweep.maps import draw, figure_of
 from forcebound.lab.sweep.plan import load_sweep
@@ -174,8 +175,53 @@ def test_a_campaign_in_python_has_a_map_of_two_arguments(tmp_path: Path) -> None
     figure = figure_of(read_table(result))
     assert [axes.get_title() for axes in figure.axes][:2] == ["none", "tdpa"]
     draw(result, tmp_path / "a.png")
-    with pytest.raises(ConfigError, match="error"):
-        draw(result, tmp_path / "a.png", limits=["colgate_schenkel"])
+    figure = figure_of(read_table(result), limits=["colgate_schenkel"])  # no device, no limit
+    assert not any(axes.lines for axes in figure.axes)
+    assert any("Schenkel" in text and "without" in text for text in texts(figure))
+
+
+#: Limits in a map of a launch file, and those of them that are drawn.
+DRAWN = {
+    "stiff_wall": ("colgate_schenkel", "with_hand", "encoder", "abbott_okamura", "diolaiti", "gil"),
+    "three_axes": ("colgate_schenkel", "with_hand", "encoder", "abbott_okamura", "diolaiti", "gil"),
+    "damped_wall": ("colgate_schenkel", "with_hand", "encoder", "gil"),  # the wall has damping
+    "cart_pendulum": (),  # no wall
+    "five_bar_wall": (),  # an arm: the damping of its joints is not that of the tip
+    "servo_wall": (),
+}
+
+
+@pytest.mark.parametrize("launch", DRAWN)
+def test_a_limit_is_drawn_where_it_applies_and_else_the_legend_says_what_it_needs(
+    tmp_path: Path, launch: str
+) -> None:
+    text = f"forcebound: 1\nlaunch: {launch}\nduration: 100 ms\nover: {{stiffness: [100, 200]}}\n"
+    shown = "{ x: stiffness, y: stiffness, value: peak_force_n }"
+    result = tmp_path / "a.parquet"
+    run_sweep(load_sweep(written(tmp_path, f"{text}map: {shown}")), result)
+    (axes,) = (
+        axes
+        for axes in figure_of(
+            read_table(result), limits=["encoder"], x="stiffness", y="stiffness"
+        ).axes
+        if axes.get_xlabel()
+    )
+    assert axes.get_xlim() == pytest.approx((0.05, 0.25)), "the cells at the ends are whole"
+    for name, label in LABELS.items():
+        figure = figure_of(read_table(result), limits=[name], x="stiffness", y="stiffness")
+        lines = [line for axes in figure.axes for line in axes.lines]
+        assert len(lines) == (name in DRAWN[launch]), name
+        absent = [text for text in texts(figure) if "not drawn" in text]
+        assert len(absent) == (name not in DRAWN[launch])
+        assert all(label.split()[-1] in text for text in absent)
+
+
+def test_limits_that_are_one_line_are_drawn_once(tmp_path: Path) -> None:
+    result = tmp_path / "map.parquet"
+    run_sweep(load_sweep(written(tmp_path, GRID)), result)  # neither hand nor wall has damping
+    names = ["colgate_schenkel", "with_hand", "gil"]
+    figure = figure_of(read_table(result), limits=names)
+    assert [len(axes.lines) for axes in figure.axes if axes.get_title()] == [1, 1]
 
 
 def test_any_column_is_drawn_but_no_list(tmp_path: Path) -> None:

@@ -28,14 +28,14 @@ from forcebound.files import content_of
 from forcebound.graph.forms import Values
 from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.lab.sweep import map_data as data
-from forcebound.lab.sweep.limits import LABELS, limit_of
+from forcebound.lab.sweep.limits import CONDITIONS, LABELS, limit_of
 from forcebound.lab.sweep.map_data import Array, Cells
 from forcebound.lab.table import Table, read_table
 from forcebound.results.colours import colours_of
 from forcebound.results.panels import in_figure
 from forcebound.results.perception import WEBER_FRACTIONS
 from forcebound.results.plots import blank, plain, save
-from forcebound.units import MJ, N_MM
+from forcebound.units import MJ
 
 Legend: TypeAlias = dict[str, Artist]  # what a drawn thing is like, by its words
 
@@ -56,7 +56,9 @@ _STYLES = {
     "diolaiti": "-",
     "with_hand": "-.",
     "encoder": ":",
+    "gil": (0, (5, 1, 1, 1, 1, 1)),
 }
+STIFFNESSES = ("stiffness", "environment.stiffness")  # axes on which a limit is drawn
 _LEAK = ENERGY_TOLERANCE * MJ.factor  # mJ
 
 
@@ -182,15 +184,16 @@ def _draw_panel(
     axis: Axes, cells: Cells, chosen: Array, norm: Normalize, leak_norm: Normalize
 ) -> Legend:
     xs, ys = cells.xs, cells.ys
+    borders = _borders(xs), _borders(ys)
     value, leaks = cells.grid(cells.value, chosen), cells.grid(cells.leaks, chosen)
     is_leak = leaks < -_LEAK
     passive = np.where(leaks >= -_LEAK, 1.0, np.nan)
     axis.set_facecolor(_NO_FIGURE)
     if cells.is_energy:
-        axis.pcolormesh(xs, ys, passive, cmap=ListedColormap([_PASSIVE]))
+        axis.pcolormesh(*borders, passive, cmap=ListedColormap([_PASSIVE]))
     else:
-        axis.pcolormesh(xs, ys, np.where(is_leak, np.nan, value), norm=norm, cmap="viridis")
-    axis.pcolormesh(xs, ys, np.where(is_leak, -leaks, np.nan), norm=leak_norm, cmap=_LEAKS)
+        axis.pcolormesh(*borders, np.where(is_leak, np.nan, value), norm=norm, cmap="viridis")
+    axis.pcolormesh(*borders, np.where(is_leak, -leaks, np.nan), norm=leak_norm, cmap=_LEAKS)
     legend = _draw_limits(axis, cells, chosen)
     if cells.is_energy:
         legend["no energy given"] = Patch(facecolor=_PASSIVE)
@@ -202,7 +205,7 @@ def _draw_panel(
     if restless.any():
         shown = np.ma.masked_where(~restless, restless)
         clear = ListedColormap([(0.0, 0.0, 0.0, 0.0)])  # without an array the mask is lost
-        hatched = axis.pcolor(xs, ys, shown, shading="nearest", cmap=clear)
+        hatched = axis.pcolor(*borders, shown, cmap=clear)
         hatched.set(edgecolor="black", linewidth=0.0, hatch="////")
         legend["no rest"] = Patch(facecolor="white", edgecolor="black", hatch="////")
     if cells.shows_softness:
@@ -216,23 +219,29 @@ def _draw_panel(
 
 
 def _draw_limits(axis: Axes, cells: Cells, chosen: Array) -> Legend:
-    names = cells.drawing.get("limits", ())
-    if not names or cells.drawing["y"] != "stiffness":
-        return {}
-    columns = cells.table.columns
-    ran = np.array([error is None for error in data.column_of(cells.table, "error")])
+    """Draw each limit that is not the same line as one before; the legend says what others need."""
+    columns, is_stiffness = cells.table.columns, cells.drawing["y"] in STIFFNESSES
+    errors = columns.get("error", [None] * cells.x.size)
+    ran = np.array([error is None for error in errors])
+    steps: Any = "steps-mid" if cells.drawing["x"] == "delay" else "default"
+    factor, drawn = data.axis_of(cells.table, cells.drawing["y"])[1], set()
     legend: Legend = {}
-    for name in names:
-        if name == "with_hand" and not any(columns.get("operator.damping", ())):
-            continue  # the same line as without it
+    absent: dict[str, list[str]] = {}
+    for name in cells.drawing.get("limits", ()):
         limits = []
         for position in cells.xs:
             rows = np.flatnonzero(chosen & (cells.x == position) & ran)
             row = {key: column[rows[0]] for key, column in columns.items() if rows.size}
-            limits.append(limit_of(row, name) * N_MM.factor if row else math.nan)
-        steps: Any = "steps-mid" if cells.drawing["x"] == "delay" else "default"
-        (line,) = axis.plot(cells.xs, limits, "k", ls=_STYLES[name], lw=1.3, drawstyle=steps)
-        legend[LABELS[name]] = line
+            limits.append(limit_of(row, name) * factor if is_stiffness else math.nan)
+        if np.isnan(limits).all():
+            absent.setdefault(CONDITIONS[name], []).append(LABELS[name])
+        elif (line := " ".join(f"{limit:.6g}" for limit in limits)) not in drawn:
+            drawn.add(line)
+            shown = {"ls": _STYLES[name], "lw": 1.3, "drawstyle": steps}
+            (legend[LABELS[name]],) = axis.plot(cells.xs, limits, "k", **shown)
+    for needed, labels in absent.items():
+        words = fill(f"not drawn without {needed}: {'; '.join(labels)}", 42)
+        legend[words] = Line2D([], [], linestyle="")
     return legend
 
 
@@ -252,8 +261,8 @@ def _arrange(axes: Array, cells: Cells, panels: int, columns: int) -> None:
             _plain_numbers(axis, (1.0,) if is_wide else (1.0, 2.0, 5.0))
         else:
             axis.set_major_locator(MaxNLocator(MOST_TICKS))
-    axes[0].set_xlim(xs[0], xs[-1])
-    axes[0].set_ylim(ys[0], ys[-1])
+    axes[0].set_xlim(_borders(xs)[[0, -1]])
+    axes[0].set_ylim(_borders(ys)[[0, -1]])
     x, y = (data.axis_of(cells.table, cells.drawing[key])[0] for key in "xy")
     for number in range(panels):
         if number + columns >= panels:
@@ -281,6 +290,17 @@ def _scale(cells: Cells) -> Normalize:
 def _leak_scale(leaks: Array) -> Normalize:
     given = -leaks[leaks < -_LEAK]
     return LogNorm(max(given.min(initial=1.0), 1e-4), max(given.max(initial=1.0), 1e-3))
+
+
+def _borders(values: Array) -> Array:
+    """Return where the cells about some values end, one more: half way to the next ones."""
+    if values.size < 2:
+        return values + np.array([-0.5, 0.5]) * (abs(values[0]) or 1.0)
+    scaled = np.log(values) if _is_log(values) else values
+    middles = 0.5 * (scaled[1:] + scaled[:-1])
+    ends = 2.0 * scaled[0] - middles[0], 2.0 * scaled[-1] - middles[-1]
+    borders: Array = np.array([ends[0], *middles, ends[1]])
+    return np.exp(borders) if _is_log(values) else borders
 
 
 def _is_log(values: Array) -> bool:
