@@ -18,6 +18,7 @@ class Device(NamedTuple):
     file: str
     strength: float  # forces of attacking hands, as a share of those on the PHANToM
     released: str  # target of the released hand
+    stiffness: float  # N/m, of the wall of its launch file
 
 
 class World(NamedTuple):
@@ -40,13 +41,18 @@ class Place(NamedTuple):
         """In words, of a page."""
         return f"{self.device}, {self.world}, {self.network}"
 
+    @property
+    def stiffness(self) -> float:
+        """Of its wall, in N/m."""
+        return SOFT if self.world == "soft wall" else DEVICES[self.device].stiffness
+
 
 #: All commands of a place have these: an answer counts for as long as the slowest network needs.
 ALWAYS: Words = ("age_limit:=1 s",)
 
 DEVICES = {
-    "PHANToM": Device("stiff_wall", 1.0, "90 mm"),
-    "2DIY": Device("five_bar_wall", 0.1, "30 mm"),
+    "PHANToM": Device("stiff_wall", 1.0, "90 mm", 10_000.0),
+    "2DIY": Device("five_bar_wall", 0.1, "30 mm", 2_000.0),
 }
 
 _LINKS = ("links.environment_query", "links.environment_reply")
