@@ -16,11 +16,11 @@ from forcebound_proofs.league.places import (
     ATTACKER,
     DELAYS,
     NETWORKS,
+    PHANTOM,
     RESTING,
     TUNED_AT,
-    WORLDS,
+    WALL,
     Place,
-    file_of,
 )
 from forcebound_proofs.league.scores import (
     LOST_BY,
@@ -190,7 +190,7 @@ def _gave(rows: Sequence[Row]) -> str:
 
 
 def _over_delay(played: Mapping[Place, Mapping[str, list[Row]]]) -> Iterator[str]:
-    at = [Place("PHANToM", "wall", delay) for delay in DELAYS]
+    at = [Place(PHANTOM, WALL, delay) for delay in DELAYS]
     known = [place for place in at if place in played]
     stiffness = SCORES[0]
 
@@ -261,10 +261,10 @@ def _in_words(played: Mapping[Place, object]) -> str:
     parts = []
     rows = [place._asdict() for place in played]
     for (device, world), own in groups(rows, "device", "world").items():
-        file = file_of(Place(device, world, TUNED_AT))
+        one = Place(device, world, TUNED_AT)
         networks = ", ".join(f"*{row['network']}*" for row in own)
-        hands = ", ".join(f"`{hand}`" for hand in WORLDS[world].hands)
-        parts.append(f"* {device}, {world} (`{file}`): hands {hands}; networks {networks}")
+        hands = ", ".join(f"`{hand}`" for hand in one.hands)
+        parts.append(f"* {device}, {world} (`{one.file}`): hands {hands}; networks {networks}")
     return "\n\n" + "\n".join(parts)
 
 

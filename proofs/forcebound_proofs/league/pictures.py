@@ -15,7 +15,7 @@ from forcebound_proofs import drawing
 from forcebound_proofs.attack import RANDOM, SEARCH
 from forcebound_proofs.league.contest import CELL
 from forcebound_proofs.league.methods import CERTIFIED
-from forcebound_proofs.league.places import DELAYS, SHAKER, SOFT, Place
+from forcebound_proofs.league.places import DELAYS, PHANTOM, SHAKER, SOFT_STIFFNESS, WALL, Place
 from forcebound_proofs.league.scores import SCORES, cells, leaks, leaky, lowest, worst
 
 #: Of methods that are no laws of the maps: the muted scheme of P. Tol, 2021.
@@ -51,10 +51,10 @@ def _stiffness(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -> N
     """Two panels: methods without a leak, and the others; a ring where one gave energy."""
     figure, panels = drawing.rows_of(2, height=3.4)
     played = cells(rows)
-    at = [one for delay in DELAYS if (one := Place("PHANToM", "wall", delay)) in played]
+    at = [one for delay in DELAYS if (one := Place(PHANTOM, WALL, delay)) in played]
     turns = np.arange(len(at), dtype=float)
     for method in colours:
-        axes = panels[(method, "PHANToM") in leaky(rows)]
+        axes = panels[(method, PHANTOM) in leaky(rows)]
         own = [played[place][method] for place in at]
         values = np.array([(SCORES[0].of(one) or 0.0) / 1e3 for one in own])
         _drawn(axes, method, colours, turns, values)
@@ -81,7 +81,7 @@ def _transparency(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -
             np.asarray(row[f"impedance.{name}"], float)
             for name in ("frequency_hz", "stiffness_n_per_m", "damping_n_s_per_m")
         )
-        ratio = (stiffness + 2j * np.pi * frequency * damping) / SOFT
+        ratio = (stiffness + 2j * np.pi * frequency * damping) / SOFT_STIFFNESS
         gaps = 1 + np.flatnonzero(frequency[1:] > 1.5 * frequency[:-1])  # a band is left out
         first = 2 * networks.index(row["network"])
         curves = np.abs(ratio), np.degrees(np.angle(ratio))
