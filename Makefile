@@ -70,6 +70,8 @@ proofs: $(STAMP)
 	$(BIN)/forcebound audit worlds --runs 60 --search 60 --output proofs/docs/audit-worlds.md
 	$(BIN)/forcebound audit sensitivity
 	$(BIN)/python -m forcebound_proofs certificate_grid --page proofs/docs/prices.md
+	@mkdir -p results
+	$(BIN)/forcebound league --output docs/league.md --table results/league.parquet --restart
 	$(BIN)/forcebound reproduce
 	$(BIN)/python -m forcebound_proofs identification_bounds
 	$(BIN)/python -m forcebound_proofs late_ticks

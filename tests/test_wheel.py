@@ -90,6 +90,7 @@ NEEDS = {  # an extra by its name, or another distribution
     "study analyse .": "[plot]",
     "view": "[view]",
     "audit": "forcebound-proofs",
+    "league": "forcebound-proofs",
     "reproduce table1": "forcebound-proofs",
 }
 

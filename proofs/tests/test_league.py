@@ -18,16 +18,7 @@ from forcebound_proofs.cases import NOISES, encode
 from forcebound_proofs.league import contest, scores
 from forcebound_proofs.league.methods import CERTIFIED, METHODS, OURS
 from forcebound_proofs.league.page import TEXT
-from forcebound_proofs.league.places import (
-    ATTACKER,
-    HANDS,
-    NETWORKS,
-    WORLDS,
-    Place,
-    attack_of,
-    places,
-    words_of,
-)
+from forcebound_proofs.league.places import ATTACKER, NETWORKS, TABLES, Place, places
 
 ROOT = Path(__file__).parent.parent.parent
 HAND_ONLY = {"at_rest": True, "error": None, "share_left": 1.0}
@@ -60,7 +51,7 @@ def league(tmp_path_factory: pytest.TempPathFactory) -> League:
 def test_a_league_has_at_most_200_places_of_methods() -> None:
     assert len(places()) * len(METHODS) <= 200
     assert {place.network for place in places()} == set(NETWORKS)
-    assert {place.world for place in places()} == set(WORLDS)
+    assert {place.world for place in places()} == set(TABLES["worlds"])
     assert set(OURS) <= set(METHODS)
 
 
@@ -71,8 +62,8 @@ def test_every_method_is_a_graph_in_every_place_with_every_hand_and_attack(name:
     for u in (0.0, 1.0):
         own = method.with_numbers({key: one.at(u) for key, one in method.numbers.items()})
         for place in places():
-            played = [words_of(place, hand) for hand in WORLDS[place.world].hands]
-            for file, *words in (*played, attack_of(place, code)):
+            played = [place.by_hand(hand) for hand in place.hands]
+            for file, *words in (*played, place.by_attack(code)):
                 config = load(file, [*own, *words])
                 assert config.only.servo.age_limit == 1.0
 
@@ -89,8 +80,7 @@ def test_every_method_of_a_league_plays_tunes_and_is_attacked_alike(league: Leag
     for name, method in METHODS.items():
         evaluations = len(league.of(name, contest.TUNING))
         assert evaluations == (4 if method.numbers else 0)
-    for row in league.of(CERTIFIED, contest.CELL):
-        assert row["hand"] in HANDS
+    assert {row["hand"] for row in league.of(CERTIFIED, contest.CELL)} == set(TABLES["hands"])
 
 
 def test_a_known_leak_is_found_and_a_certified_law_has_none(league: League) -> None:
@@ -187,7 +177,7 @@ def test_a_loss_counts_against_methods_without_a_leak_and_against_all() -> None:
 
 
 def test_energy_counts_until_the_hand_is_faster_than_stated() -> None:
-    file, *words = words_of(Place("PHANToM", "wall", "20 ms"), "fast")
+    file, *words = Place("PHANToM", "wall", "20 ms").by_hand("fast")
     result, fastest = contest.played(file, ("law:=none", *words), 2.0)
     assert fastest == 3.0
     every, _ = contest.energies(result, np.inf)

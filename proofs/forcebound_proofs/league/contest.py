@@ -27,11 +27,9 @@ from forcebound_proofs.league.places import (
     LONG,
     PERSONS,
     TUNED_AT,
-    WORLDS,
+    WALL,
     Place,
     Words,
-    attack_of,
-    words_of,
 )
 
 TUNING, CELL = "tuning", "cell"  # kinds of rows, beside RANDOM and SEARCH
@@ -77,13 +75,13 @@ class Contest(NamedTuple):
     @property
     def tuned_in(self) -> Place:
         """Where the method is tuned."""
-        return self.places[0]._replace(world="wall", network=TUNED_AT)
+        return self.places[0]._replace(world=WALL, network=TUNED_AT)
 
     @property
     def runs(self) -> int:
         """Number of simulations."""
-        tuned = self.budget.tuning * len(_hands(self.tuned_in)) if self.method.numbers else 0
-        played = sum(len(WORLDS[place.world].hands) for place in self.places)
+        tuned = self.budget.tuning * len(self.tuned_in.hands) if self.method.numbers else 0
+        played = sum(len(place.hands) for place in self.places)
         return tuned + played + sum(self.budget.attacks)
 
     def rows(self) -> list[Row]:
@@ -95,7 +93,7 @@ class Contest(NamedTuple):
         cells = [
             self._row(CELL, place, words, hand=hand, numbers=best["numbers"])
             for place in self.places
-            for hand in WORLDS[place.world].hands
+            for hand in place.hands
         ]
         played = [row for row in cells if row[ENERGY] is not None]
         attacks: list[Row] = []
@@ -113,7 +111,7 @@ class Contest(NamedTuple):
             pairs = zip(ranges.items(), point, strict=True)
             numbers = {name: float(f"{one.at(u):.4g}") for (name, one), u in pairs}
             words, place = self.method.with_numbers(numbers), self.tuned_in
-            runs = [self._row(TUNING, place, words, hand=hand) for hand in _hands(place)]
+            runs = [self._row(TUNING, place, words, hand=hand) for hand in place.hands]
             row = {**runs[0], "hand": None, "command": None, "numbers": json.dumps(numbers)}
             rows.append({key: row[key] for key in row if key not in FIGURES} | _judged(runs))
             return float(rows[-1]["cost"])
@@ -145,7 +143,7 @@ class Contest(NamedTuple):
         self, kind: str, place: Place, words: Words, hand: str = "", case: str = "", **others: Any
     ) -> Row:
         """Run once, and return its row."""
-        file, *own = attack_of(place, case) if case else words_of(place, hand)
+        file, *own = place.by_attack(case) if case else place.by_hand(hand)
         budget, every = self.budget, (*words, *own)
         seconds = budget.attacked if case else budget.long if hand in LONG else budget.seconds
         row: Row = {
@@ -169,10 +167,6 @@ class Contest(NamedTuple):
         if case:
             return row
         return row | figures(result) | ({MASS: felt_mass(result)} if hand == CARRIER else {})
-
-
-def _hands(place: Place) -> tuple[str, ...]:
-    return WORLDS[place.world].hands
 
 
 def _code(random: np.random.Generator) -> str:

@@ -16,16 +16,17 @@ from forcebound_proofs.league.places import (
     ATTACKER,
     DELAYS,
     NETWORKS,
+    PHANTOM,
     RESTING,
     TUNED_AT,
-    WORLDS,
+    WALL,
     Place,
-    file_of,
 )
 from forcebound_proofs.league.scores import (
     LOST_BY,
     SCORES,
     Loss,
+    Score,
     Worst,
     cells,
     compared,
@@ -100,8 +101,9 @@ def _losses(rows: Sequence[Row]) -> Iterator[str]:
     yield (
         f"In {count} comparisons, each of one figure in one place, `{CERTIFIED}` loses"
         f" **{len(passive)}** to methods of which no leak was found on that device, and"
-        f" **{len(every)}** to any method. It is compared with the best of them. A loss is more"
-        f" than {LOST_BY:.0%} of its figure, and more than the least difference in the table.\n"
+        f" **{len(every)}** to any method. It is compared with the best of them. A loss is"
+        f" more than {100 * LOST_BY:g} % of its figure, and more than the least difference; a wall"
+        " that feels stiffer than it is, is no better for it.\n"
     )
     heads = (
         "figure",
@@ -123,7 +125,8 @@ def _by_figure(
     rows: Sequence[Row], passive: Sequence[Loss], every: Sequence[Loss]
 ) -> Iterator[list[object]]:
     for score in SCORES:
-        line: list[object] = [score.label, score.unit.show(score.least), compared(rows, score)]
+        least = f"{score.least * score.unit.factor:g} {score.unit.unit}"
+        line: list[object] = [score.label, least, compared(rows, score)]
         for lost in (passive, every):
             own = [loss for loss in lost if loss.score is score]
             line += [len(own), _against(max(own, key=_gap)) if own else "–"]
@@ -187,7 +190,7 @@ def _gave(rows: Sequence[Row]) -> str:
 
 
 def _over_delay(played: Mapping[Place, Mapping[str, list[Row]]]) -> Iterator[str]:
-    at = [Place("PHANToM", "wall", delay) for delay in DELAYS]
+    at = [Place(PHANTOM, WALL, delay) for delay in DELAYS]
     known = [place for place in at if place in played]
     stiffness = SCORES[0]
 
@@ -205,44 +208,39 @@ def _over_delay(played: Mapping[Place, Mapping[str, list[Row]]]) -> Iterator[str
 def _places(
     played: Mapping[Place, Mapping[str, list[Row]]], found: Sequence[Worst]
 ) -> Iterator[str]:
-    giving = {(one.method, one.device) for one in found if one.leaks}
     for place, by_method in played.items():
+        kept = [one.method for one in found if one.device == place.device and not one.leaks]
         yield f"### {place.label}\n"
-        every = {name: [score.of(rows) for score in SCORES] for name, rows in by_method.items()}
-        shown = [
-            n for n in range(len(SCORES)) if any(values[n] is not None for values in every.values())
+        columns = [
+            one for one in SCORES if any(one.of(rows) is not None for rows in by_method.values())
         ]
-        best = {
-            n: _best(n, every, {m for m, device in giving if device == place.device}) for n in shown
-        }
-        heads = [score.unit.label(score.label) for score in (SCORES[n] for n in shown)]
+        best = {score: _best(score, [by_method[name] for name in kept]) for score in columns}
         lines = []
-        for name, values in every.items():
-            line = [f"`{name}`"]
-            for n in shown:
-                text = SCORES[n].show(values[n])
-                line.append(
-                    f"**{text}**" if values[n] is not None and values[n] == best[n] else text
-                )
-            rows = by_method[name]
-            share = values[1]
+        for name, rows in by_method.items():
+            texts = [score.show(score.of(rows)) for score in columns]
+            marked = (
+                f"**{text}**" if name in kept and text == best[score] else text
+                for score, text in zip(columns, texts, strict=True)
+            )
+            share = SCORES[1].of(rows)
             softer = "–" if share is None else "yes" if share < NOTICED else "no"
-            lines.append((*line, softer, _gave(rows) or "–", *_notes(rows)))
+            lines.append((f"`{name}`", *marked, softer, _gave(rows) or "–", _notes(rows)))
+        heads = (score.unit.label(score.label) for score in columns)
         yield from table(("method", *heads, "softer", "gave", "notes"), lines)
         yield ""
 
 
-def _best(n: int, every: Mapping[str, Sequence[float | None]], giving: set[str]) -> float | None:
-    join = max if SCORES[n].is_higher_better else min
-    values = (one[n] for name, one in every.items() if name not in giving)
-    return join((value for value in values if value is not None), default=None)
+def _best(score: Score, every: Iterable[Sequence[Row]]) -> str:
+    """Return the best value of a figure, as it is shown."""
+    join = max if score.is_higher_better else min
+    values = (value for one in every if (value := score.of(one)) is not None)
+    return score.show(join(values, default=None))
 
 
-def _notes(rows: Sequence[Row]) -> Iterator[str]:
-    failed = [row["hand"] for row in rows if row["error"]]
-    still = [row for row in rows if row.get("at_rest") is False and row["hand"] in RESTING]
-    words = [f"{hand}: thrown out" for hand in failed] + [f"{row['hand']} moves" for row in still]
-    yield ", ".join(words)
+def _notes(rows: Sequence[Row]) -> str:
+    failed = (f"{row['hand']}: thrown out" for row in rows if row["error"])
+    moving = (row for row in rows if row["hand"] in RESTING and row.get("at_rest") is False)
+    return ", ".join((*failed, *(f"{row['hand']} moves" for row in moving)))
 
 
 def _methods(methods: Mapping[str, Method]) -> Iterator[str]:
@@ -263,10 +261,10 @@ def _in_words(played: Mapping[Place, object]) -> str:
     parts = []
     rows = [place._asdict() for place in played]
     for (device, world), own in groups(rows, "device", "world").items():
-        file = file_of(Place(device, world, TUNED_AT))
+        one = Place(device, world, TUNED_AT)
         networks = ", ".join(f"*{row['network']}*" for row in own)
-        hands = ", ".join(f"`{hand}`" for hand in WORLDS[world].hands)
-        parts.append(f"* {device}, {world} (`{file}`): hands {hands}; networks {networks}")
+        hands = ", ".join(f"`{hand}`" for hand in one.hands)
+        parts.append(f"* {device}, {world} (`{one.file}`): hands {hands}; networks {networks}")
     return "\n\n" + "\n".join(parts)
 
 

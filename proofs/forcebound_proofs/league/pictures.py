@@ -10,11 +10,12 @@ from matplotlib.axes import Axes
 from forcebound.lab.engine import Row
 from forcebound.results.colours import LAW_COLOURS, NEUTRAL, NOT_PASSIVE
 from forcebound.results.plots import save
+from forcebound.results.surface import Floats
 from forcebound_proofs import drawing
 from forcebound_proofs.attack import RANDOM, SEARCH
 from forcebound_proofs.league.contest import CELL
-from forcebound_proofs.league.methods import OURS
-from forcebound_proofs.league.places import DELAYS, SHAKER, SOFT, Place
+from forcebound_proofs.league.methods import CERTIFIED
+from forcebound_proofs.league.places import DELAYS, PHANTOM, SHAKER, SOFT_STIFFNESS, WALL, Place
 from forcebound_proofs.league.scores import SCORES, cells, leaks, leaky, lowest, worst
 
 #: Of methods that are no laws of the maps: the muted scheme of P. Tol, 2021.
@@ -40,61 +41,57 @@ def draw(rows: Sequence[Row], files: Mapping[str, Path]) -> None:
         picture(rows, colours, files[name])
 
 
+def _drawn(axes: Axes, method: str, colours: Mapping[str, str], x: Floats, y: Floats) -> None:
+    style = {"marker": ".", "linewidth": 2.4 if method == CERTIFIED else 1.1}
+    style |= {"linestyle": "-" if method in LAW_COLOURS else "--"}
+    drawing.line(axes, x, y, method.replace("_", " "), colours[method], **style)
+
+
 def _stiffness(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -> None:
     """Two panels: methods without a leak, and the others; a ring where one gave energy."""
     figure, panels = drawing.rows_of(2, height=3.4)
-    played, giving = cells(rows), {method for method, _ in leaky(rows)}
-    at = [delay for delay in DELAYS if Place("PHANToM", "wall", delay) in played]
+    played = cells(rows)
+    at = [one for delay in DELAYS if (one := Place(PHANTOM, WALL, delay)) in played]
     turns = np.arange(len(at), dtype=float)
-    for method, colour in colours.items():
-        axes = panels[method in giving]
-        own = [played[Place("PHANToM", "wall", delay)][method] for delay in at]
+    for method in colours:
+        axes = panels[(method, PHANTOM) in leaky(rows)]
+        own = [played[place][method] for place in at]
         values = np.array([(SCORES[0].of(one) or 0.0) / 1e3 for one in own])
-        style = {"marker": "o", "linewidth": 2.2 if method in OURS else 1.1}
-        drawing.line(axes, turns, values, method.replace("_", " "), colour, **style)
+        _drawn(axes, method, colours, turns, values)
         given = np.array([leaks(lowest(one)) for one in own])
-        ring: dict[str, Any] = {"markersize": 11, "markeredgecolor": NOT_PASSIVE, "color": "none"}
-        axes.plot(np.flatnonzero(given), values[given], "o", **ring)
+        ring: dict[str, Any] = {"markersize": 10, "markeredgecolor": NOT_PASSIVE, "color": "none"}
+        axes.plot(turns[given], values[given], "o", **ring)
     for axes, title in zip(panels, ("no leak found", "gave energy (ring: here)"), strict=True):
         drawing.finish(axes, "stiffness felt (N/mm)", "delay each way")
         axes.set_yscale("symlog", linthresh=0.1)
-        axes.set_xticks(range(len(at)), at)
-        axes.set_ylim(bottom=-0.01)
+        axes.set_xticks(turns, [place.network for place in at])
+        axes.set_ylim(-0.01, 15.0)
         axes.axhline(10.0, color=NEUTRAL, linestyle=":", linewidth=1.0)
         axes.set_title(title, fontsize=9)
     save(figure, file)
 
 
 def _transparency(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -> None:
+    """Two panels for each network: the ratio to the wall, and its phase."""
     shaken = [row for row in rows if row["hand"] == SHAKER and row["impedance.frequency_hz"]]
     networks = list(dict.fromkeys(row["network"] for row in shaken))
-    figure, panels = drawing.rows_of(2 * max(len(networks), 1), height=2.6)
+    figure, panels = drawing.rows_of(2 * max(len(networks), 1), height=3.2)
     for row in shaken:
         frequency, stiffness, damping = (
             np.asarray(row[f"impedance.{name}"], float)
             for name in ("frequency_hz", "stiffness_n_per_m", "damping_n_s_per_m")
         )
-        ratio = (stiffness + 2j * np.pi * frequency * damping) / SOFT
+        ratio = (stiffness + 2j * np.pi * frequency * damping) / SOFT_STIFFNESS
+        gaps = 1 + np.flatnonzero(frequency[1:] > 1.5 * frequency[:-1])  # a band is left out
         first = 2 * networks.index(row["network"])
-        name, style = (
-            row["method"],
-            {"marker": ".", "linewidth": 2.2 if row["method"] in OURS else 1.1},
-        )
-        drawing.line(
-            panels[first], frequency, np.abs(ratio), name.replace("_", " "), colours[name], **style
-        )
-        drawing.line(
-            panels[first + 1],
-            frequency,
-            np.degrees(np.angle(ratio)),
-            name.replace("_", " "),
-            colours[name],
-            **style,
-        )
-    for n, network in enumerate(networks):
-        _over_frequency(panels[2 * n], f"{network}: ratio", 1.0)
-        panels[2 * n].set_yscale("log")
-        _over_frequency(panels[2 * n + 1], f"{network}: phase (degrees)", 0.0)
+        curves = np.abs(ratio), np.degrees(np.angle(ratio))
+        for axes, values in zip(panels[first : first + 2], curves, strict=True):
+            x, y = (np.insert(one, gaps, np.nan) for one in (frequency, values))
+            _drawn(axes, row["method"], colours, x, y)
+    for network, ratios, phases in zip(networks, panels[::2], panels[1::2], strict=False):
+        _over_frequency(ratios, f"{network}: ratio", 1.0)
+        ratios.set_yscale("log")
+        _over_frequency(phases, f"{network}: phase (degrees)", 0.0)
     save(figure, file)
 
 

@@ -15,7 +15,7 @@ from forcebound_proofs.league import methods as methods_of
 from forcebound_proofs.league.contest import Budget, Contest
 from forcebound_proofs.league.methods import OURS
 from forcebound_proofs.league.page import page
-from forcebound_proofs.league.places import DEVICES, Place, places
+from forcebound_proofs.league.places import TABLES, Place, places
 from forcebound_proofs.league.scores import Worst, worst
 from forcebound_proofs.views import check_page, write_page
 
@@ -54,11 +54,11 @@ def play(options: Options) -> list[Worst]:
     played = places(options.is_small)
     contests = [
         Contest(name, method, own, budget)
-        for device in DEVICES
+        for device in TABLES["devices"]
         if (own := tuple(place for place in played if place.device == device))
         for name, method in methods.items()
     ]
-    campaign = Campaign("league", contests, part=1, decisive=parts)
+    campaign = Campaign("league", contests, part=1, decisive=[TABLES, *parts])
     with progress_bar("league") as show, local_executor(options.workers) as executor:
         rows = run(campaign, executor, show, options.rows, options.restart, options.restart).rows
     _write(rows, methods, budget, options)

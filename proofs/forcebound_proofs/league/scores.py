@@ -1,5 +1,6 @@
 """What the runs of a method in a place amount to, and where the certified law loses."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from statistics import mean
 from typing import NamedTuple, TypeAlias
@@ -189,7 +190,8 @@ def losses(rows: Sequence[Row], with_leaks: bool) -> Iterator[Loss]:
             }
             sign = 1.0 if score.is_higher_better else -1.0
             best = max(others, key=lambda name: sign * others[name], default=None)
-            if best is not None and score.is_better(others[best], ours):
+            most = place.stiffness if score.unit is N_MM else math.inf  # a wall is no stiffer
+            if best is not None and score.is_better(min(others[best], most), min(ours, most)):
                 yield Loss(score, place, ours, best, others[best])
 
 
