@@ -32,8 +32,8 @@ def content(thing: Mapping[str, Any]) -> dict[str, object] | None:
     file, scale = Path(thing["file"]), thing["size"][0] if thing.get("size") else None
     if thing["shape"] == "points":
         cloud = read_points(file, scale)
-        points = cloud.points[:: math.ceil(len(cloud.points) / MOST)]
-        return {"points": points.round(DIGITS).tolist()} if cloud.digest == thing["digest"] else None
+        points = cloud.points[:: math.ceil(len(cloud.points) / MOST)].round(DIGITS)
+        return {"points": points.tolist()} if cloud.digest == thing["digest"] else None
     mesh = read_mesh(file, scale, may_be_open=True)
     corners = coarse(mesh).round(DIGITS)
     return {"corners": corners.tolist()} if mesh.digest == thing["digest"] else None
