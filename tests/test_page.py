@@ -126,7 +126,10 @@ def test_every_scale_has_at_least_two_ticks(tmp_path: Path) -> None:
 def test_the_whole_run_is_kept_in_bounded_memory_with_its_extremes(tmp_path: Path) -> None:
     made = """(() => {
       const all = new History(400);
-      for (let i = 0; i < 200000; i += 1) all.take(5 + 1e-3 * i, { x: Math.sin(i / 50), spike: i === 77777 ? 9 : 0, none: null });
+      for (let from = 0; from < 200000; from += 40) { // as frames have them
+        const at = [...Array(40).keys()].map((k) => from + k), column = (of) => at.map(of);
+        all.take(column((i) => 5 + 1e-3 * i), { x: column((i) => Math.sin(i / 50)), spike: column((i) => (i === 77777 ? 9 : 0)), none: column(() => null) });
+      }
       const kept = (name) => [...all.values.get(name)].slice(0, all.count);
       return [all.count, all.oldest, all.newest, Math.min(...kept("x")), Math.max(...kept("x")), Math.max(...kept("spike")), all.values.has("none")];
     })()"""  # noqa: E501
@@ -143,7 +146,7 @@ def test_one_looks_back_at_a_run_that_goes_on(tmp_path: Path) -> None:
     made = """(() => {
       const shown = new Window(), found = [];
       shown.begin(["hand"]);
-      const run = (from, to) => { for (let i = from; i < to; i += 1) shown.take("hand", 1 + 1e-3 * i, { p0: Math.floor(i / 1000) }); };
+      const run = (from, to) => { for (let i = from; i < to; i += 1) shown.take("hand", [1 + 1e-3 * i], { p0: [Math.floor(i / 1000)] }); };
       run(0, 5000);
       shown.scrub(3);
       for (const end of [5000, 30000, 90000]) {

@@ -118,3 +118,64 @@ def test_states_and_labels_are_beside_the_scene_and_beside_each_other(
             small, normal = seen["note"]
             assert small < normal
         assert visitor.errors() == []
+
+
+#: Where the tip and the middle of the sphere are, in pixels of the page; null: not drawn yet.
+PLACES = """
+const done = arguments[0];
+import("./app.js").then(({ scene }) => {
+  const sphere = scene.objects.find(({ shape }) => shape === "sphere"), hand = scene.hand;
+  if (!sphere || !hand || !scene.isCentred) return done(null);
+  const { left, top } = scene.canvas.getBoundingClientRect();
+  const seen = [hand.tip, sphere.position].map((place) => scene.project(place));
+  done(seen.map(([x, y]) => [left + x, top + y]));
+});
+"""
+TIP_SIZES = [*SIZES, (1920, 1080)]
+
+
+def test_the_first_drag_from_the_tip_to_the_sphere_touches_it_on_every_screen() -> None:
+    with pointed("pointer_touch") as (_, (address, _)), browser() as driver:
+        visitor = Visitor(driver)
+        for width, height in TIP_SIZES:
+            is_phone = min(width, height) < 500
+            size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": is_phone}
+            driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": is_phone})
+            visitor.open(address)
+            places: list[Any] = []
+            visitor.until(
+                lambda found=places: found.append(driver.execute_async_script(PLACES)) or found[-1]
+            )
+            tip, middle = places[-1]
+            assert 0 <= tip[0] <= width, (width, height)
+            assert 0 <= tip[1] <= height, (width, height)
+            assert visitor.figure("commanded") == 0.0
+            for kind, at in (("Pressed", tip), ("Moved", middle)):
+                drag(driver, kind, at, is_phone=is_phone)
+            visitor.until(
+                lambda: visitor.figure("commanded") > 0.0 and visitor.figure("applied") > 0.0
+            )
+            drag(driver, "Moved", tip, is_phone=is_phone)
+            visitor.until(lambda: visitor.figure("commanded") == 0.0)
+            drag(driver, "Released", tip, is_phone=is_phone)
+        assert visitor.errors() == []
+
+
+def drag(driver: Any, kind: str, at: tuple[float, float], *, is_phone: bool) -> None:
+    """Press, move or release a mouse or, on a phone, a finger."""
+    x, y = at
+    if is_phone:
+        name = {"Pressed": "touchStart", "Moved": "touchMove", "Released": "touchEnd"}[kind]
+        points = [] if kind == "Released" else [{"x": x, "y": y}]
+        driver.execute_cdp_cmd("Input.dispatchTouchEvent", {"type": name, "touchPoints": points})
+    else:
+        event = {
+            "type": f"mouse{kind}",
+            "x": x,
+            "y": y,
+            "button": "left",
+            "buttons": 1,
+            "clickCount": 1,
+        }
+        driver.execute_cdp_cmd("Input.dispatchMouseEvent", event)

@@ -4,6 +4,7 @@ import os
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from threading import Thread
 
@@ -102,6 +103,8 @@ def view(
     forcebound view --wait --run pointer_wall --port 8000
     """
     check_installed("the page", "tornado")
+    # Its imports take a while, in which the graph starts.
+    served = partial(page_server.Server, listen, port, recordings, embed=embed)
     first: Path | None = None
     if launcher is not None:
         first = runs.find_launched(launcher)
@@ -109,8 +112,7 @@ def view(
         first = runs.find(run, require_graph=True)
 
     async def serve() -> None:
-        # In the loop in which it serves.
-        server = page_server.Server(listen, port, recordings, embed=embed)
+        server = served()  # in the loop in which it serves
         try:
             with shown(server.access, first, opens):
                 await _show_graphs(server, first, run, stays=launcher is None)

@@ -82,7 +82,6 @@ class Controls:
         self._reasons = {hand: Reason() for hand in hands}
         (loaded, *others) = {hand.servo.law for hand in hands.values()}
         self._kernels = Kernels(run_dir, "" if others else loaded)
-        self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
         self.episodes: Message = {}  # that were counted last, as a message
         with suppress(ForceboundError):
             self.count_episodes()
@@ -147,7 +146,9 @@ class Controls:
         """Return what is known of each hand whose device answers, from its newest packets."""
         document = to_document(configuration(self._run_dir, with_code=False))
         judged = {}
-        for hand, status in self._statuses(STATUS_TIMEOUT).items():
+        if statuses := self._statuses(STATUS_TIMEOUT):  # before, the nodes need the processor
+            self._kernels.begin((BROKEN[LAW], SAFE[LAW]))
+        for hand, status in statuses.items():
             own = flat(document, hand)
             own["device"]["law"] = status.law
             cause = self._reasons[hand].look(recent[hand], partial(_run, own, status))

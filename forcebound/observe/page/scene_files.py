@@ -18,6 +18,7 @@ from forcebound.haptics.geometry.mesh_file import Array, Mesh, read_mesh, read_p
 MOST = 3000  # triangles, or points, that a browser without a graphics card draws 30 times a second
 FINEST = 256  # cells along the longest edge of the mesh, at first
 COARSER = 0.8  # times as many at each further attempt
+DIGITS = 6  # of a length in m: nobody sees less than 1 um
 
 
 def content(thing: Mapping[str, Any]) -> dict[str, object] | None:
@@ -31,10 +32,11 @@ def content(thing: Mapping[str, Any]) -> dict[str, object] | None:
     file, scale = Path(thing["file"]), thing["size"][0] if thing.get("size") else None
     if thing["shape"] == "points":
         cloud = read_points(file, scale)
-        points = cloud.points[:: math.ceil(len(cloud.points) / MOST)]
+        points = cloud.points[:: math.ceil(len(cloud.points) / MOST)].round(DIGITS)
         return {"points": points.tolist()} if cloud.digest == thing["digest"] else None
     mesh = read_mesh(file, scale, may_be_open=True)
-    return {"corners": coarse(mesh).tolist()} if mesh.digest == thing["digest"] else None
+    corners = coarse(mesh).round(DIGITS)
+    return {"corners": corners.tolist()} if mesh.digest == thing["digest"] else None
 
 
 def coarse(mesh: Mesh, most: int = MOST) -> Array:

@@ -76,13 +76,11 @@ const takes = {
     const samples = shown.live.get(message.hand);
     if (message.time[0] < samples.newest - 1) { samples.clear(); shown.histories.get(message.hand).clear(); shown.marks = []; } // another clock
     if (message.time[0] > samples.newest + 1e-3 * SILENT) samples.push(samples.newest, {}); // a gap
-    message.time.forEach((time, i) => {
-      const values = { limit: message.limit[i], energy: message.energy[i], true_energy: message.true_energy[i],
-        known_energy: message.true_energy[i] ?? message.energy[i], delay: message.delay[i], commanded: magnitude(message.commanded[i]), applied: magnitude(message.applied[i]) };
-      for (const [name, column] of Object.entries(message.signals)) values[name] = column[i];
-      for (const [letter, vector] of [["p", message.position[i]], ["c", message.commanded[i]], ["a", message.applied[i]]]) vector.forEach((x, axis) => { values[`${letter}${axis}`] = x; });
-      shown.take(message.hand, time, values);
-    });
+    const { limit, energy, true_energy, delay, commanded, applied, position, signals } = message;
+    const columns = { limit, energy, true_energy, known_energy: true_energy.map((one, i) => one ?? energy[i]), delay,
+      commanded: commanded.map(magnitude), applied: applied.map(magnitude), ...signals };
+    for (const [letter, vectors] of [["p", position], ["c", commanded], ["a", applied]]) vectors[0].forEach((_, axis) => { columns[`${letter}${axis}`] = vectors.map((one) => one[axis]); });
+    shown.take(message.hand, message.time, columns);
     scene.take(message);
     frames.set(message.hand, message);
     if (message.since) shown.mark(message.since, message.law, message.hand);

@@ -11,10 +11,21 @@ export function colour(name) {
 
 const font = getComputedStyle(document.body).fontFamily;
 
+const sizes = new WeakMap(); // of elements, in pixels: to read them where the page has changed makes the browser lay it out
+const observer = new ResizeObserver((entries) => { for (const { target } of entries) sizes.set(target, [target.clientWidth, target.clientHeight]); });
+
+/** Width and height of an element, in pixels, as they were laid out last. */
+export function sizeOf(element) {
+  if (!sizes.has(element)) {
+    observer.observe(element);
+    sizes.set(element, [element.clientWidth, element.clientHeight]);
+  }
+  return sizes.get(element);
+}
+
 /** Clear a canvas and give it the size that `shown`, an element of the page, has. */
 export function fit(canvas, shown = canvas) {
-  const ratio = window.devicePixelRatio || 1;
-  const { clientWidth: width, clientHeight: height } = shown;
+  const ratio = window.devicePixelRatio || 1, [width, height] = sizeOf(shown);
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
     canvas.width = Math.round(width * ratio);
     canvas.height = Math.round(height * ratio);

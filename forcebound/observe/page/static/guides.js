@@ -9,15 +9,25 @@ const FAR = 0.15; // m, from which on nothing is near
 const EDGE = 22; // pixels between the edge and a mark at it
 const HINT = 95; // pixels, length of the hint
 
-/** Points of an object that may be nearest to a place. */
-function* candidates(scene, object, place) {
+/** A face with how far from its first point its others are, at most. */
+function bounded(face) {
+  face.reach ??= Math.max(...face.points.map((point) => Math.hypot(...sub(point, face.points[0]))));
+  return face;
+}
+
+/** Points of an object that may be nearest to a place, and nearer than `limit` gives. */
+function* candidates(scene, object, place, limit) {
   const position = pad(object.position), away = sub(place, position);
   if (object.shape === "sphere" && object.size?.length) yield add(position, scaled(away, object.size[0] / (Math.hypot(...away) || 1)));
   else if (object.shape === "plane") {
     const normal = sub(placeOf(object)([0, 0, 1]), position);
     yield sub(place, scaled(normal, dot(away, normal)));
   } else {
-    for (const { points } of scene.facesOf(object)) for (let i = 2; i < points.length; i += 1) yield closest(place, [points[0], points[i - 1], points[i]]);
+    for (const face of scene.facesOf(object)) {
+      const { points, reach } = bounded(face), [x, y, z] = points[0];
+      if (Math.hypot(x - place[0], y - place[1], z - place[2]) - reach >= limit()) continue;
+      for (let i = 2; i < points.length; i += 1) yield closest(place, [points[0], points[i - 1], points[i]]);
+    }
   }
 }
 
@@ -26,7 +36,7 @@ export function nearest(scene, place) {
   if (scene.solids.some((object) => object.is_removed)) return null;
   let found = null, least = FAR;
   for (const object of scene.solids) {
-    for (const point of candidates(scene, object, place)) {
+    for (const point of candidates(scene, object, place, () => least)) {
       const distance = Math.hypot(point[0] - place[0], point[1] - place[1], point[2] - place[2]);
       if (distance < least) [found, least] = [point, distance];
     }

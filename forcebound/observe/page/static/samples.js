@@ -24,6 +24,15 @@ export class Samples {
     this.count += 1;
   }
 
+  /** Push several: their times, and of each name a column with a value for each. */
+  pushAll(times, columns) {
+    const { count, capacity } = this;
+    for (const name of Object.keys(columns)) if (!this.values.has(name)) this.values.set(name, new Float64Array(capacity).fill(NaN));
+    times.forEach((time, i) => { this.time[(count + i) % capacity] = time; });
+    for (const [name, own] of this.values) for (let i = 0; i < times.length; i += 1) own[(count + i) % capacity] = columns[name]?.[i] ?? NaN;
+    this.count += times.length;
+  }
+
   get oldest() { return this.count ? this.time[Math.max(0, this.count - this.capacity) % this.capacity] : Infinity; }
 
   get newest() {
@@ -61,18 +70,27 @@ export class History extends Samples {
     this.open = null; // the step that goes on: {end, low, high}
   }
 
-  take(time, values) {
-    if (this.open && time >= this.open.end) {
-      if (this.count >= this.capacity) this.halve();
-      for (const side of ["low", "high"]) this.push(this.open.end - this.step, this.open[side]);
-      this.open = null;
-    }
-    this.open ??= { end: time + this.step, low: {}, high: {} };
-    const { low, high } = this.open;
-    for (const [name, value] of Object.entries(values)) {
-      if (value === null || value === undefined || Number.isNaN(value)) continue;
-      low[name] = Math.min(low[name] ?? value, value);
-      high[name] = Math.max(high[name] ?? value, value);
+  /** Take samples: their times, and of each name a column with a value for each. */
+  take(times, columns) {
+    const all = Object.entries(columns);
+    for (let from = 0, to = 0; from < times.length; from = to) {
+      if (this.open && times[from] >= this.open.end) {
+        if (this.count >= this.capacity) this.halve();
+        for (const side of ["low", "high"]) this.push(this.open.end - this.step, this.open[side]);
+        this.open = null;
+      }
+      this.open ??= { end: times[from] + this.step, low: {}, high: {} };
+      const { low, high, end } = this.open;
+      for (to = from + 1; to < times.length && times[to] < end;) to += 1;
+      for (const [name, column] of all) {
+        let least = low[name] ?? Infinity, most = high[name] ?? -Infinity;
+        for (let i = from; i < to; i += 1) {
+          const value = column[i] ?? NaN; // no comparison with NaN is true
+          if (value < least) least = value;
+          if (value > most) most = value;
+        }
+        if (least <= most) [low[name], high[name]] = [least, most];
+      }
     }
   }
 
@@ -114,10 +132,10 @@ export class Window {
     }
   }
 
-  /** Take a sample of a hand. */
-  take(hand, time, values) {
-    this.live.get(hand).push(time, values);
-    this.histories.get(hand).take(time, values);
+  /** Take samples of a hand: their times, and of each name a column with a value for each. */
+  take(hand, times, columns) {
+    this.live.get(hand).pushAll(times, columns);
+    this.histories.get(hand).take(times, columns);
   }
 
   /** The samples of a hand that have the window: all, or of a time long ago the steps of the history. */

@@ -1,6 +1,6 @@
 // The scene: the tip of each hand, its proxy, the forces, and what the environment says there is to draw.
 
-import { colour, fit } from "./canvas.js";
+import { colour, fit, sizeOf } from "./canvas.js";
 import { quantity, scaleBar, si, text } from "./scale.js";
 import { drawEdgeMark, drawHint, drawNearest, nearest } from "./guides.js";
 import { listen } from "./hand.js";
@@ -92,7 +92,7 @@ export class Scene {
   get scale() { return this.size / (2 * this.half); }
 
   get size() {
-    const { clientWidth: width, clientHeight: height } = this.canvas;
+    const [width, height] = sizeOf(this.canvas);
     return this.axes < 2 ? width : Math.min(width, height);
   }
 
@@ -141,7 +141,7 @@ export class Scene {
   }
 
   /** Pixels between two hands where there is one axis. */
-  get wide() { return Math.min(LANE, this.canvas.clientHeight / (this.hands.length + 0.2)); }
+  get wide() { return Math.min(LANE, sizeOf(this.canvas)[1] / (this.hands.length + 0.2)); }
 
   /** Pixels between the two arrows of a hand. */
   get side() { return this.axes < 2 ? Math.min(SIDE, this.wide / 3) : 0.4 * SIDE; }
@@ -264,7 +264,7 @@ export class Scene {
 
   /** Guide a hand in space, and who may drag it for the first time. */
   guide(context, hand, tip) {
-    const { clientWidth: width, clientHeight: height } = this.canvas, point = this.axes > 2 && !hand.proxy ? nearest(this, tip) : null;
+    const [width, height] = sizeOf(this.canvas), point = this.axes > 2 && !hand.proxy ? nearest(this, tip) : null;
     if (point) drawNearest(this, context, tip, point);
     if (this.axes > 1) drawEdgeMark(this, context, hand, width, height);
     const isFirst = !hand.target && this.movable.some(({ name }) => name === hand.name) && !this.past(hand.name);

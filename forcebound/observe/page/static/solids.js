@@ -1,6 +1,7 @@
 // The objects of a scene, drawn by the graphics card: lit, with the tips among them and their shadows.
 // The view is the same parallel one as that of the canvas above, so a place has the same pixel in both.
 
+import { sizeOf } from "./canvas.js";
 import { BOX_EDGES, boxCorners, trianglesOf } from "./shapes.js";
 
 const CREASE = 0.6; // cosine of the angle between two faces, from which on their edge looks sharp
@@ -166,7 +167,7 @@ export class Solids {
 
   /** Draw objects and tips, if they or the view have changed. `view`: right, up, forward, scale in pixels for each metre. */
   draw({ boxes, objects, files, centre, view, tips, isDark }) {
-    const { gl, canvas } = this, ratio = window.devicePixelRatio || 1, { clientWidth: width, clientHeight: height } = canvas;
+    const { gl, canvas } = this, ratio = window.devicePixelRatio || 1, [width, height] = sizeOf(canvas);
     const ready = objects.filter(({ digest }) => !digest || files.has(digest));
     const shown = JSON.stringify([boxes, ready, centre, view, tips, isDark, width, height, ratio]);
     if (shown === this.shown || this.isLost) return;
