@@ -87,7 +87,8 @@ def test_only_by_name_is_a_comparator_among_all_laws() -> None:
 def pressed(gain: float, turns: list[float], most: float = 10.0) -> tuple[list[float], list[float]]:
     """Return penetrations, in m, and forces; 100 states from one turn, in mm, to the next."""
     controller = SuccessiveStiffness(gain, most).open(1)
-    depths, found = [0.0], []
+    depths: list[float] = [0.0]
+    found: list[float] = []
     for begin, end in pairwise([0.0, *turns]):
         depths += [1e-3 * (begin + (end - begin) * i / 100) for i in range(1, 101)]
     for tick, depth in enumerate(depths):
@@ -132,7 +133,7 @@ def test_successive_stiffness_keeps_its_own_account_and_gives_the_hand_energy() 
 
 def test_it_acts_on_either_side_and_never_pulls() -> None:
     controller = SuccessiveStiffness(1.0, 0.1).open(1)
-    forces_seen = []
+    forces_seen: list[float] = []
     for tick, depth in enumerate([-1.0, -2.0, -3.0, -2.0, -1.0, -1.5, -2.0, 0.0]):
         controller.query(state(tick, 1e-3 * depth))
         answer = controller.on_reply(reply(tick, depth), 0)
