@@ -219,7 +219,23 @@ def test_waves_stay_passive_at_a_stiff_wall_where_its_late_force_alone_does_not(
     def given(method: str) -> float:
         arguments = {"law": "none", "age_limit": "300 ms", "delay": delay, "controller": method}
         run = run_virtual(GraphConfig.read("stiff_wall", **arguments))
-        return -min(run.columns.true_energy)
+        return -float(min(run.columns.true_energy))
 
     assert given("wave_variables") < 1e-6
     assert given("direct") > 0.1
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("axes", [1, 3, 8])
+def test_a_second_port_answers_with_numbers_that_it_declares(method: str, axes: int) -> None:
+    model, random = METHODS[method], Random(1)
+    port = model.open_port(axes)
+    signals = {signal.name: 1e-3 for signal in model.signals}
+    for seq in range(200):
+        place, speed = (tuple(random.uniform(-0.01, 0.01) for _ in range(axes)) for _ in "xv")
+        times = (seq, seq * 1_000_000, seq, seq * 1_000_000)
+        query = EnvironmentQuery(*times, 0.0, place, speed, None, signals=signals)
+        force, sent = port.answer(query, signals, lambda place, _: tuple(map(wall, place)))
+        assert len(force) == axes
+        assert all(map(math.isfinite, (*force, *sent.values())))
+        assert sent.keys() == {signal.name for signal in model.port_signals}
