@@ -10,7 +10,7 @@ from forcebound.results.perception import WEBER_FRACTIONS
 from forcebound.units import DB
 from forcebound.units import energy_in_words as energy
 from forcebound_proofs.attack import RANDOM, SEARCH
-from forcebound_proofs.league.contest import CELL, SHARE, TUNING, Budget
+from forcebound_proofs.league.contest import CELL, TUNING, Budget
 from forcebound_proofs.league.methods import CERTIFIED, OURS, Method
 from forcebound_proofs.league.places import (
     ATTACKER,
@@ -284,12 +284,5 @@ def _tuned(rows: Sequence[Row]) -> Iterator[str]:
         felt = f"{-best['cost']:.1%}" if best["cost"] <= 0.0 else "gives energy"
         giving = sum(leaks(row["energy_j"]) for row in own)
         lines.append((f"`{method}`", device, len(own), giving, numbers, felt))
-    heads = (
-        "method",
-        "device",
-        "evaluations",
-        "of them gave energy",
-        "chosen",
-        SHARE.replace("_", " "),
-    )
+    heads = ("method", "device", "evaluations", "of them gave energy", "chosen", "share felt")
     yield from table(heads, lines)
