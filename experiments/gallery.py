@@ -46,6 +46,9 @@ APART = {
     "first_device": "live, with the emulated board: docs/first-device.md",
     "far_wall": "a campaign of `make proofs`",
     "study": "a campaign of docs/reproduce.md of the proofs",
+    "league_stiffness": "of `forcebound league`",
+    "league_energy": "of `forcebound league`",
+    "league_transparency": "of `forcebound league`",
     "study-page": "a person's touch, live: docs/study.md",
 }
 #: Launch files without a film of their own, and why.
@@ -64,6 +67,8 @@ WITHOUT_FILM = {
         "the box of pointer_two_hands": "two_hands",
         "the devices of leader_follower_transfer": "leader_follower leader_follower_remote",
         "dials, as those of joint_arms": "servo_wall servo_arms",
+        "a wall in one axis, of a comparison": "two_port_wall",
+        "a cup that nobody sees: one axis, no scene": "cart_pendulum",
     }.items()
     for name in names.split()
 }

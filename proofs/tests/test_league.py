@@ -28,7 +28,7 @@ class League:
     """A small league with the law of a page of the docs, and with a controller of a user's own."""
 
     def __init__(self, folder: Path) -> None:
-        text = (ROOT / "docs" / "write-your-own-law.md").read_text(encoding="utf-8")
+        text = (ROOT / "docs" / "write-your-own.md").read_text(encoding="utf-8")
         law = re.search(r"```python\n(.*?)```", text, re.DOTALL)
         assert law is not None
         (folder / "my_law.py").write_text(law[1], encoding="utf-8")
