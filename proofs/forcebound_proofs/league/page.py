@@ -174,8 +174,8 @@ def _worst(found: Sequence[Worst]) -> Iterator[str]:
     )
     yield (
         "\n*Least share left*: of the energy that the hand had put in so far, at the worst moment."
-        " *Failed*: runs that did not end, since the hand was thrown into a pose which the arm"
-        " cannot leave. The worst runs, to repeat:\n"
+        " *Failed*: runs that stopped, since the hand moved the arm to a singular pose: how much"
+        " energy they gave is not known. The worst runs, to repeat:\n"
     )
     yield "```sh"
     for one in found:
@@ -238,7 +238,7 @@ def _best(score: Score, every: Iterable[Sequence[Row]]) -> str:
 
 
 def _notes(rows: Sequence[Row]) -> str:
-    failed = (f"{row['hand']}: thrown out" for row in rows if row["error"])
+    failed = (f"{row['hand']}: left the workspace" for row in rows if row["error"])
     moving = (row for row in rows if row["hand"] in RESTING and row.get("at_rest") is False)
     return ", ".join((*failed, *(f"{row['hand']} moves" for row in moving)))
 
