@@ -239,3 +239,23 @@ def test_a_second_port_answers_with_numbers_that_it_declares(method: str, axes: 
         assert len(force) == axes
         assert all(map(math.isfinite, (*force, *sent.values())))
         assert sent.keys() == {signal.name for signal in model.port_signals}
+
+
+def test_a_world_with_a_state_of_its_own_first_hears_of_the_motion_that_is_then_made() -> None:
+    """With the first question of a wave it moves on, so that one must be close to the answer."""
+    asked: list[tuple[float, float]] = []
+
+    def ask(position: tuple[float, ...], velocity: tuple[float, ...]) -> tuple[float, ...]:
+        asked.append((position[0], velocity[0]))
+        return (wall(position[0]),)
+
+    port = WAVES.open_port(1)
+    for seq in range(1, 200):
+        asked.clear()
+        times = (seq, seq * 1_000_000, seq, seq * 1_000_000)
+        query = EnvironmentQuery(*times, 0.0, (0.0,), (0.05,), None)
+        (force,), _ = port.answer(query, {"wave_time": PERIOD}, ask)
+    made = 0.05 - force / WAVES.impedance
+    assert force == pytest.approx(0.05 * WAVES.impedance, rel=1e-3)  # the wall has stopped it
+    assert asked[0][1] == pytest.approx(made, abs=1e-4)
+    assert asked[1][1] == 0.05  # without a force: the solution begins there

@@ -137,6 +137,7 @@ class EnvironmentPort(SecondPort):
     def __init__(self, impedance: float, axes: int) -> None:
         self._impedance, self._zero = impedance, (0.0,) * axes
         self._place: Vector | None = None  # of the environment's end, m
+        self._force: Vector = (0.0,) * axes  # N, of the last step
         self._share = 1.0  # of the force of a free step that remained at the last contact
         self._entered = self._left = 0.0  # J
 
@@ -146,7 +147,10 @@ class EnvironmentPort(SecondPort):
         """Move with the wave."""
         b, dt, free = self._impedance, signals["wave_time"], query.velocity  # v_e without a force
         place = query.position if self._place is None else self._place
+        expected = along(free, self._force, -1.0 / b)
+        ask(along(place, expected, dt), expected)  # with the first answer a moving world moves on
         force, velocity = self._step(free, dt, ask, place)
+        self._force = force
         self._place = along(place, velocity, dt)
         back = along(free, force, -2.0 / b)  # sqrt(2 / b) w
         self._left += 0.25 * b * dot(free, free) * dt
