@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from waiting import TIMEOUT
 
 from forcebound.cli import main
+from forcebound.errors import RunError
 from forcebound.interface import live
 from forcebound.messages.codec import decode
 from forcebound.messages.control import GetStatus, LauncherStatus, ProcessState
@@ -112,9 +113,18 @@ class LiveGraph:
         return Path(self.variables["XDG_RUNTIME_DIR"])
 
     def until(self, happened: Callable[[], object], what: str) -> None:
-        """Wait until something happened, in bounded time, while the launcher lives."""
+        """Wait until something happened, in bounded time, while the launcher lives.
+
+        A status that a busy machine answers late means "not yet".
+        """
         end = time.monotonic() + TIMEOUT
-        while not happened():
+
+        def has_happened() -> object:
+            with suppress(RunError):
+                return happened()
+            return False
+
+        while not has_happened():
             assert self.process.poll() is None, f"the run ended; its log:\n{self.log}"
             assert time.monotonic() < end, f"waited {TIMEOUT} s for {what}; log:\n{self.log}"
             sockets.wait((), 20_000_000)
