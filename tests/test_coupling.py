@@ -130,6 +130,25 @@ def test_alone_a_hand_feels_nothing_and_nothing_again_when_the_other_has_left() 
     assert coupled.force(LEADER, (0.02,), (0.0,), 0.0)[0] == pytest.approx(3.0)
 
 
+def test_the_force_on_a_hand_grows_from_zero_when_its_partner_comes_back() -> None:
+    coupled = Coupling(stiffness=300.0, damping=0.0).open(1)
+
+    def on_leader(elapsed: float) -> float:
+        return coupled.force(LEADER, (0.01,), (0.0,), elapsed)[0]
+
+    coupled.force(FOLLOWER, (0.0,), (0.0,), 0.0)
+    assert on_leader(0.001) == pytest.approx(3.0)  # begun together: the device's own ramp
+    coupled.leave(FOLLOWER)
+    assert on_leader(5.0) == 0.0
+    coupled.force(FOLLOWER, (0.0,), (0.0,), 0.0)
+    assert [on_leader(6.0 + late) for late in (0.0, 0.5, 1.0, 9.0)] == pytest.approx(
+        [0.0, 1.5, 3.0, 3.0]
+    )
+    assert [(kind, is_fault) for kind, _, is_fault in coupled.published.events] == [
+        ("coupled", False)
+    ]
+
+
 def test_another_hand_feels_nothing() -> None:
     coupled = Coupling().open(1)
     forces(coupled, (0.01,), (0.0,), ((0.0,), (0.0,)))

@@ -15,6 +15,7 @@ from forcebound.haptics.laws import LAWS
 from forcebound.haptics.laws.all_axes import LARGEST_READING
 from forcebound.haptics.laws.hold_limit import FLOOR
 from forcebound.results.bounder import Cause
+from forcebound.results.contact import steady_window
 from forcebound.results.ticks import deadline_misses
 from forcebound.results.twin import Change, Twin
 from forcebound.units import N
@@ -139,7 +140,7 @@ def _suspects(twin: Twin, run: "Samples", law: str) -> Iterator[_Suspect]:
         why += f"{unit} (device.saturation)"
         none, twice = (Change({"saturation": k * saturation}) for k in (100.0, 2.0))
         yield _Suspect("saturation", why, none, "motors of twice that", twice)
-    if (columns.engagement < 1.0).any():
+    if (columns.engagement < 1.0)[run.contact & steady_window(run.time)].any():
         change = Change(is_engaged=True)
         why = "the force was still on its engage ramp (device.engage_time)"
         yield _Suspect("engage_ramp", why, change, "a longer run", change)

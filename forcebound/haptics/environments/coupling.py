@@ -62,7 +62,8 @@ GAINS = {
 class Coupling(EnvironmentModel):
     """A leader and a follower, coupled by spring and damper, or by measured forces, too.
 
-    While one of them is not there, there is no force on the other. Other hands feel nothing.
+    While one of them is not there, there is no force on the other. When it comes (back), the force
+    on the one that was there grows from zero within a second. Other hands feel nothing.
 
     Attributes:
         leader: Name of the hand that leads.
@@ -139,6 +140,8 @@ class Coupling(EnvironmentModel):
         return _Coupled(self, axes)
 
 
+JOINING = 1.0  # s, in which the force grows on a hand whose partner comes while it has force
+_STARTING = 0.05  # s; a hand that has force for so short a time is still on its own device's ramp
 _OF_AXES = ("stiffness", "damping", "scale", "force_scale")
 
 
@@ -157,6 +160,7 @@ class _Coupled(Environment):
         self._model, self._offset = model, model.offset
         self._gains = [model.on_axis(i) for i in range(axes)]
         self._hands = {model.leader: _Hand(), model.follower: _Hand()}
+        self._joined: dict[str, float] = {}  # s, when each hand's partner was there
         self._is_released = False  # by the clutch
         self._reindexes = False  # as soon as both are there and the clutch is up
         self._has_warned = False
@@ -180,13 +184,24 @@ class _Coupled(Environment):
             self.signal("position_error", math.nan)
             self.signal("force_error", math.nan)
             return zero
+        share = self._grown(user, elapsed)
         if self._reindexes:
             both = enumerate(zip(leader.position, follower.position, strict=False))
             offsets = [f - self._gains[i][2] * at for i, (at, f) in both]
             self._offset, self._reindexes = tuple(offsets), False
         motors = self._motors(leader, follower)
-        answer = tuple([-forces[hand is follower] for forces in motors])
+        answer = tuple([-share * forces[hand is follower] for forces in motors])
         return (answer + zero)[: len(zero)]
+
+    def _grown(self, user: str, elapsed: float) -> float:
+        """Return the share of its force that a hand gets; an event when its partner comes."""
+        if user not in self._joined:
+            self._joined[user] = elapsed
+            if elapsed > _STARTING:
+                words = f"both hands are there: the force on {user} grows within {JOINING:g} s"
+                self.event("coupled", words)
+        since = elapsed - self._joined[user]
+        return min(since / JOINING, 1.0) if self._joined[user] > _STARTING else 1.0
 
     def _motors(self, leader: _Hand, follower: _Hand) -> list[tuple[float, float]]:
         """Return the forces of leader and follower, in N, on each axis that both have."""
@@ -225,6 +240,7 @@ class _Coupled(Environment):
     def leave(self, user: str) -> None:
         if user in self._hands:
             self._hands[user] = _Hand()
+            self._joined.clear()
 
     def scene(self) -> tuple[SceneObject, ...]:
         tips = [hand.position for hand in self._hands.values()]
