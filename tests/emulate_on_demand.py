@@ -25,5 +25,5 @@ if __name__ == "__main__":
     from forcebound.hardware.emulators import program
 
     FaultsOnDemand.file = Path(sys.argv.pop(1))
-    vars(program)["Faults"] = FaultsOnDemand
+    program.__dict__["Faults"] = FaultsOnDemand  # as a test would patch it
     main()

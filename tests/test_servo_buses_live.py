@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,12 @@ def torque(truth: TruthFile) -> tuple[float, ...]:
     return found.torque
 
 
+def has_torque(truth: TruthFile) -> bool:
+    return any(torque(truth))
+
+
 def until_at_rest(truth: TruthFile) -> None:
-    until(lambda: not any(torque(truth)), "no torque")
+    until(lambda: not has_torque(truth), "no torque")
 
 
 @pytest.fixture
@@ -203,7 +208,7 @@ def test_a_fault_of_an_arm_takes_the_force_of_both_and_is_named_once(
             ports.append(f"{name}:={link}")
         graph = stack.enter_context(live_graph("servo_arms", PATIENT, *ports, is_alone=False))
         for name, truth in truths.items():
-            graph.until(lambda truth=truth: any(torque(truth)), f"a force on the {name}")
+            graph.until(partial(has_torque, truth), f"a force on the {name}")
         demand.touch()
         status, _ = graph.outcome()
         assert status == 1, graph.log
