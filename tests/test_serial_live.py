@@ -2,6 +2,7 @@
 
 import os
 import signal
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -36,11 +37,14 @@ def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero(
     with live_graph(launch_file, PATIENT, is_alone=False) as graph:
         graph.until(lambda: list(graph.runtime.glob("*.truth")), "the emulator")
         (path,) = graph.runtime.glob("*.truth")
-        truth = TruthFile(path)
-        graph.until(lambda: (found := truth.look()) is not None and any(found.torque), "a wall")
-        graph.signal("device", signal.SIGKILL)
-        until(lambda: (found := truth.look()) is not None and not any(found.torque), "zero torque")
-        truth.close()
+        with closing(TruthFile(path)) as truth:
+
+            def has_torque() -> bool | None:
+                return None if (found := truth.look()) is None else any(found.torque)
+
+            graph.until(has_torque, "a wall")
+            graph.signal("device", signal.SIGKILL)
+            until(lambda: has_torque() is False, "zero torque")
         status, _ = graph.outcome()
         assert status == 1, graph.log
         columns = read(graph.record).telemetry
