@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from invoking import invoke
 from live_graph import PROCESSES_OF_THEIR_OWN, live_graph
 from waiting import until
 
@@ -51,6 +52,7 @@ def test_when_the_device_process_is_killed_in_contact_the_torque_becomes_zero(
         assert columns.applied_force.any()
         assert np.isfinite(columns.true_energy).all()
         assert columns.true_energy.min() >= -allowance
+        assert ", 0 differ\n" in invoke("replay", graph.record, "--verify").output  # motor's steps
 
 
 def started_by(device: int) -> dict[str, int]:

@@ -87,13 +87,18 @@ def _engaged_at(life: Sequence[Telemetry]) -> int:
     return sum(not engaged_ns or packet.time_ns < engaged_ns[0] for packet in life)
 
 
+def _is_simulated(model: DeviceModel) -> bool:
+    """Whether the device has a simulated body, and no driver, which has one for its emulator."""
+    return hasattr(model, "body") and model.simulated_in is None
+
+
 class _RecordedDevice(Device):
     """A device that answers as a recorded one did, at the tick of ``packet``."""
 
     def __init__(self, model: DeviceModel, takes_limit: bool, packet: Telemetry) -> None:
         self.axes, self.packet = len(packet.joints or packet.position), packet
         self.kinematics = None if packet.joints is None else model.kinematics()
-        self._has_steps = not hasattr(model, "body")  # only a simulated device has one
+        self._has_steps = not _is_simulated(model)
         self._takes_limit, self._ahead_ns = takes_limit, 0
 
     def read(self, time_ns: int) -> Vector:
@@ -129,7 +134,7 @@ class _Rerun:
         changes = [each for each in events if each.event == LAW_CHANGED]
         self._laws: dict[int, str] = {each.time_ns: each.data["law"] for each in changes}
         # A custom device reports it where its force engages or its law changes.
-        self._takes_limit = hasattr(hand.device, "body") or any(
+        self._takes_limit = _is_simulated(hand.device) or any(
             TAKES_HOLD_LIMIT in each.data for each in events
         )
         self._commands: dict[int, list[ForceCommand]] = {}  # by the tick that they answer
