@@ -54,6 +54,7 @@ const takes = {
     isOver = false;
     hello = message;
     heard = performance.now();
+    layout.keep(); // after a lost connection the page stays as it is
     const hands = all = coloured(message.hands);
     frames.clear();
     Object.assign(units, message.units);
@@ -298,9 +299,8 @@ function draw(now) {
     say({ head: "Signal lost.", more: `Nothing from the device for ${Math.floor(silence / 1000)} s.` });
   }
   if (!hello) return; // neither axes nor units are known
-  scene.draw();
   const seen = $("network").open ? [...plots, delays] : plots;
-  seen[pictures % seen.length].draw();
+  try { scene.draw(); } finally { seen[pictures % seen.length].draw(); } // an error in one does not stop the others
 }
 
 connect();

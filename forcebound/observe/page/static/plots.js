@@ -6,6 +6,7 @@ import { everyday, rangeOf, text, ticks } from "./scale.js";
 const GAP = -1; // in place of a column of pixels
 const MARGIN = { left: 46, right: 10, top: 24, bottom: 18 };
 const TOGETHER = 1; // s between hands that take a law in one change, and share one mark
+const ROW = 14; // pixels of a second line of the title, for a key that has no room beside it
 const MARKS = 14; // pixels for the names of laws, below the key
 const MANY = 1e3; // from so many of its unit on, a plot is in its larger one
 const COLOURS = ["true", "second", "energy", "commanded", "limit"]; // of axes and signals, one after the other
@@ -63,8 +64,9 @@ export class Plot {
   draw() {
     const { context, width, height } = fit(this.canvas);
     const { from, to } = this.shown;
+    this.head = MARGIN.top + (this.keyWidth(context) > width - MARGIN.right ? ROW : 0);
     const marks = this.shownMarks.filter(({ time }) => time > from && time <= to);
-    const right = width - MARGIN.right, bottom = height - MARGIN.bottom, top = MARGIN.top + (marks.length ? MARKS : 0);
+    const right = width - MARGIN.right, bottom = height - MARGIN.bottom, top = this.head + (marks.length ? MARKS : 0);
     const x = (time) => MARGIN.left + ((time - from) / (to - from)) * (right - MARGIN.left);
     const drawn = this.lines.map((line) => this.columns(line, x));
     const inUse = drawn.flatMap((columns, i) => {
@@ -143,11 +145,11 @@ export class Plot {
       const wide = context.measureText(words).width, isLeft = x(time) + 4 + wide < free, hasRoom = isLeft || x(time) - 4 < free;
       context.textAlign = isLeft ? "left" : "right";
       context.beginPath();
-      context.moveTo(x(time), MARGIN.top);
+      context.moveTo(x(time), this.head);
       context.lineTo(x(time), bottom);
       context.stroke();
       if (!hasRoom) continue;
-      context.fillText(words, x(time) + (isLeft ? 4 : -4), MARGIN.top);
+      context.fillText(words, x(time) + (isLeft ? 4 : -4), this.head);
       free = x(time) - (isLeft ? 0 : wide + 8);
     }
     context.setLineDash([]);
@@ -193,13 +195,19 @@ export class Plot {
   /** The same in words, for those who do not see it. */
   get inWords() { return `${this.name}: ${this.readings.map(({ words }) => words).join(", ")}`; }
 
+  /** Pixels that the title and the key need on one line, with values of usual length. */
+  keyWidth(context) {
+    const wide = (words) => context.measureText(words).width;
+    return this.lines.filter((line) => line.label).reduce((sum, { label }) => sum + wide(`${label} -00.0`) + 24, 1.1 * wide(this.name) + 28);
+  }
+
   drawKey(context, right) {
     const { cursor, from, to } = this.shown;
     context.textBaseline = "top";
     context.textAlign = "left";
     context.fillStyle = colour("text");
     context.font = context.font.replace("12px", "600 12px");
-    const title = `${this.name}${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, begin = context.measureText(title).width;
+    const title = `${this.name}${cursor === null ? "" : ` at ${text(cursor - to)} s`}`, row = this.head - MARGIN.top, begin = row ? -22 : context.measureText(title).width;
     context.fillText(title, 6, 5);
     context.font = context.font.replace(/^\w+ /, "");
     context.textAlign = "right";
@@ -210,17 +218,17 @@ export class Plot {
       for (let n = line.label.length - 1; n > 2 && wide(fits); n -= 1) fits = words.replace(line.label, `${line.label.slice(0, n)}…`);
       if (wide(fits)) break; // no room
       context.fillStyle = colour("text");
-      context.fillText(fits, place, 5);
+      context.fillText(fits, place, 5 + row);
       place -= context.measureText(fits).width + 4;
       context.fillStyle = colour(line.colour);
-      context.fillRect(place - 10, line.isArea ? 6 : 9, 10, line.isArea ? 9 : 3);
+      context.fillRect(place - 10, row + (line.isArea ? 6 : 9), 10, line.isArea ? 9 : 3);
       place -= 20;
     }
     if (cursor === null) return;
     const x = MARGIN.left + ((cursor - from) / (to - from)) * (right - MARGIN.left);
     context.strokeStyle = colour("soft");
     context.beginPath();
-    context.moveTo(x, MARGIN.top);
+    context.moveTo(x, this.head);
     context.lineTo(x, this.canvas.clientHeight - MARGIN.bottom);
     context.stroke();
   }

@@ -211,6 +211,7 @@ export class Scene {
   /** Draw what there is; `isFlat`: all of it on the canvas itself, for a picture. */
   draw(isFlat = false) {
     const { context, width, height } = fit(this.canvas);
+    if (!width || !height) return; // the window has no room
     this.labels.begin(context, width, height);
     if (this.joints.length) {
       drawJoints(context, this.seen.map((one) => this.asOf(one)), this.joints, width, height);
