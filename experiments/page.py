@@ -10,7 +10,7 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -31,6 +31,7 @@ from forcebound.messages.control import DeviceStatus, Point, Pointed
 from forcebound.messages.packets import TOPIC_OF, Event, Packet, Scene, Telemetry, Vector
 from forcebound.messages.topology import node_name
 from forcebound.nodes.device import DeviceNode
+from forcebound.observe.kernels import Kernels
 from forcebound.observe.page.controls import BROKEN, SAFE, Controls
 from forcebound.observe.page.feed import SHOWN, Message
 from forcebound.observe.page.lead import Lead
@@ -83,6 +84,13 @@ QUIET = (
 )  # fmt: skip
 
 
+class Compiled(Kernels):
+    """The kernels of a graph in virtual time, whose own process has them."""
+
+    def begin(self, laws: Iterable[str]) -> None:
+        """Compile none."""
+
+
 class VirtualControls(Controls):
     """What a page may know of a graph in virtual time, whose run directory has no process."""
 
@@ -102,6 +110,7 @@ class VirtualControls(Controls):
         self.is_started, self.episodes = False, {}
         self.energies_before = dict.fromkeys(hands, 0.0)
         self._reasons = {hand: Reason() for hand in hands}
+        self._kernels = Compiled(run_dir)
 
     def _statuses(self, timeout: float) -> dict[str, DeviceStatus]:
         return {hand: device.status() for hand, device in self.devices.items()}
