@@ -123,8 +123,8 @@ def test_the_data_set_of_two_arms_has_the_leader_as_action_and_the_follower_as_s
     recording = read(folder / "demo.mcap")
     for feature, hand in (("action", "leader"), ("observation.state", "follower")):
         packets: list[Any] = recording.packets(f"{hand}/device_state")
-        there = {tuple(np.float32(packet.position)) for packet in packets}
-        assert {tuple(row) for row in rows[feature]} <= there
+        there = {tuple(np.asarray(one.position, np.float32).tolist()) for one in packets}
+        assert {tuple(row.tolist()) for row in rows[feature]} <= there
 
 
 def test_the_programs_of_the_page_load_it(printed: tuple[Path, dict[str, str]]) -> None:

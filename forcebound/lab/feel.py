@@ -219,7 +219,8 @@ def _stated(name: str, arguments: Sequence[str]) -> tuple[GraphConfig, DeviceMod
     if find(Path(name)) is not None or (file and name not in DEVICES):
         config = load(file or name, arguments)
         if not which and len(config.hands) > 1:
-            known = " or ".join(f"{file or name}:{hand}" for hand in config.hands)
+            path = Path(name).with_suffix(".yaml")
+            known = " or ".join(f"{path}:{hand}" for hand in config.hands)
             raise ConfigError(f"which hand? Expected {known}, got {name}")
         if which:
             hand_of(name, arguments)  # a name that is unknown is an error
