@@ -14,7 +14,6 @@ A result begins with a verdict of at most five lines (`simulate`, `launch`, `plo
 Not passive: the hand received up to 194 mJ that it had not put in.
 Not at rest: it moves at 110 mm/s at the end, and turned round 222 times after first contact.
 Stiffness felt: 7.91 N/mm of 10 N/mm (79%, a mean, since the hand moved); the rest was taken by: saturation 100%.
-Why not more: the motors saturate at 8.5 N (device.saturation): motors of twice that would give some 10 N/mm in place of 7.9 N/mm.
 ```
 
 * **Failed** comes first: why the run has exit status 1, such as the line of an environment's, controller's, law's or

@@ -138,7 +138,7 @@ def test_without_a_hand_nothing_runs(tmp_path: Path, monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("two_hands", "left, right"),
+        ("two_hands", "two_hands.yaml:left"),
         (str(LAUNCH / "leader_follower.yaml:leader"), "simulate"),
         (str(LAUNCH / "leader_follower.yaml:lead"), "leader"),
         ("follow_path", "stiffness"),

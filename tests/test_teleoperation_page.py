@@ -48,6 +48,21 @@ def test_only_a_law_keeps_late_arms_passive(folder: Path) -> None:
     assert energies["no_law.yaml"] < -1.0
 
 
+def test_an_empty_partner_on_the_command_line_is_none_as_in_a_file(folder: Path) -> None:
+    alone = [f"{hand}.device.energy_partner:=" for hand in ("leader", "follower")]
+    short = ("--duration", "0.5 s", "--json")
+    given, own = (
+        json.loads(invoke("simulate", *words, *short).stdout)["coupling"]["energy_min_j"]
+        for words in (("joint_arms", "law:=none", *alone), ("no_law.yaml",))
+    )
+    assert given == own
+
+
+def test_a_hand_that_gets_energy_feels_no_negative_stiffness(folder: Path) -> None:
+    done = invoke("simulate", "no_law.yaml", "delay:=20 ms", "--json")
+    assert json.loads(done.stdout)["coupling"]["transmitted_stiffness_n_per_m"] is None
+
+
 @pytest.mark.usefixtures("folder")
 class TestLive:
     pytestmark = PROCESSES_OF_THEIR_OWN
@@ -65,5 +80,7 @@ class TestLive:
             lowest, error = (figures[f"observed_energy_{one}_j"] for one in ("min", "error"))
             assert 1e-3 * float(own[hand]) == pytest.approx(-lowest, abs=error + ROUNDED)
         assert float(own["follower"]) > 20.0  # mJ: it has moved
+        (felt,) = re.findall(r"the leader feels .* = ([\d.]+) N m/rad", printed)
+        assert 0.0 < float(felt) < 4.0
         again = invoke("simulate", "again.yaml", "--duration", "1 s", "--json")
         assert again.exit_code == 0, again.output

@@ -1,6 +1,7 @@
 """Two hands in one graph: the shipped launch files against physics, and the figures of both."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,18 @@ def test_a_box_at_rest_is_pressed_from_both_sides_with_the_same_force() -> None:
     gap = last(right.true_position) - last(left.true_position)
     depths = 2.0 * last(left.applied_force) / 2000.0
     assert gap == pytest.approx(0.020 - depths, abs=6e-5)  # two steps of the encoders
+
+
+def test_the_verdicts_of_a_late_box_are_those_of_the_page() -> None:
+    page = (Path(__file__).parent.parent / "docs/two-hands.md").read_text(encoding="utf-8")
+    shown = page.partition('two_hands delay:="10 ms"` prints:\n\n```\n')[2].partition("```")[0]
+    printed = invoke("simulate", "two_hands", "delay:=10 ms").output.splitlines()
+    lines = [line for line in shown.splitlines() if line.strip() != "..."]
+    assert len(lines) > 4
+    assert [line for line in lines if line not in printed] == []
+    right = printed[printed.index("right:") :]
+    (share,) = re.findall(r"\((\d+) %\) because the left one", page.replace("\n", " "))
+    assert any(f"({share}%)" in line for line in right)
 
 
 def test_a_box_between_certified_hands_takes_more_than_it_gives() -> None:

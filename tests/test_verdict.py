@@ -260,3 +260,11 @@ def test_a_recording_whose_law_is_no_longer_known_has_its_result(tmp_path: Path)
     assert old.summary["law"] == "certified_memoryless"
     assert verdict(old.summary, old.document)
     assert old.summary["little_force"] == []
+
+
+@pytest.mark.parametrize("delay", ["0 ms", "5 ms"])
+def test_nobody_advises_stronger_motors_to_a_hand_that_gets_energy(delay: str) -> None:
+    summary = run_virtual(load("stiff_wall", ["law:=none", f"delay:={delay}"]), 2.0).summary
+    assert [cause["cause"] for cause in summary["little_force"]][:1] == ["saturation"]
+    assert summary["verdict"][0].startswith("Not passive")
+    assert not any("device.saturation" in line for line in summary["verdict"])

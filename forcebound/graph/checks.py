@@ -237,7 +237,8 @@ def check_energy_partner(hand: str, hands: Mapping[str, ServoSettings]) -> None:
         problem = f"expected energy_partner: {hand} of {partner}, too: energy goes both ways"
     elif not LAWS[servo.law].exchanges:
         able = ", ".join(name for name in LAWS if LAWS[name].exchanges)
-        problem = f"law {servo.law} cannot exchange energy: expected law: one of {able}"
+        problem = f"law {servo.law} cannot exchange energy: expected law: one of {able}, or"
+        problem += ' energy_partner: "" of both hands'
     else:
         return
     raise ConfigError(f"energy_partner: {problem}, got {partner!r}", field="energy_partner")

@@ -132,7 +132,8 @@ def _filled(template: Value, overrides: Sequence[str], problems: Problems) -> Va
         else:
             if at.is_preset:
                 filled = filled.with_entry(at.path[:-1], Value({}, place, place))
-            filled = filled.with_entry(at.path, Value(scalar(word), place, place, word))
+            content = scalar(word) if word else ""  # as an argument's
+            filled = filled.with_entry(at.path, Value(content, place, place, word))
     return filled
 
 

@@ -218,6 +218,10 @@ def _stated(name: str, arguments: Sequence[str]) -> tuple[GraphConfig, DeviceMod
     file, which = launch_file_of(name)
     if find(Path(name)) is not None or (file and name not in DEVICES):
         config = load(file or name, arguments)
+        if not which and len(config.hands) > 1:
+            path = Path(name).with_suffix(".yaml")
+            known = " or ".join(f"{path}:{hand}" for hand in config.hands)
+            raise ConfigError(f"which hand? Expected {known}, got {name}")
         if which:
             hand_of(name, arguments)  # a name that is unknown is an error
             config = _alone(config, which, file)

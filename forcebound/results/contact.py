@@ -62,11 +62,11 @@ def displayed_stiffness(time: Floats, force: Floats, depth: Floats) -> float | N
 
 
 def says_something(felt: float, asked: float, is_at_rest: bool | None) -> bool:
-    """Return whether a mean stiffness does, in N/m: not more than all of it by a hand that moves.
+    """Return whether a mean stiffness does, in N/m: 0 to all of it by a hand that moves.
 
     The mean of a hand to and fro says nothing. ``is_at_rest``: None if it is not known.
     """
-    return felt <= MORE * asked or is_at_rest is not False
+    return 0.0 <= felt <= MORE * asked or is_at_rest is not False
 
 
 def mean_stiffness(force: Floats, depth: Floats) -> float | None:

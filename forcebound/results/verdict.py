@@ -12,7 +12,7 @@ from forcebound.messages.topology import Document
 from forcebound.recordings.launched import Launched, launched
 from forcebound.results.cells import Summary, lost
 from forcebound.results.promises import is_uncovered
-from forcebound.results.state import counted, state, times
+from forcebound.results.state import Passivity, counted, state, times
 from forcebound.units import N_MM, in_unit
 
 MOST_LAWS = 4  # lines, of a run that changed its law: the last ones
@@ -43,7 +43,7 @@ def verdict(summary: Summary, document: Document) -> list[str]:
             now.passivity,
             now.rest,
             _stiffness(summary, run),
-            "" if failed else _reason(summary),
+            "" if failed else _reason(summary, now.kind),
         ]
     elif not failed:
         lines = ["No force: it never engaged."]
@@ -103,10 +103,13 @@ def _felt(s: Summary, run: Launched) -> str:
     return f"Stiffness felt: not known, {s['undefined']['displayed_stiffness_n_per_m']}"
 
 
-def _reason(s: Summary) -> str:
-    if not s["little_force"]:
+def _reason(s: Summary, kind: Passivity) -> str:
+    causes = s["little_force"]
+    if kind is Passivity.NOT_PASSIVE:  # stronger motors would only give the hand more energy
+        causes = [cause for cause in causes if cause["cause"] != "saturation"]
+    if not causes:
         return ""
-    cause, more = s["little_force"][0], len(s["little_force"]) - 1
+    cause, more = causes[0], len(causes) - 1
     others = f" ({more} more: --all)" if more else ""
     return f"Why not more: {cause['advice']}.{others}"
 

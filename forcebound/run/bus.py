@@ -98,10 +98,14 @@ def reads_once(
     except ConfigError as error:
         rate = f"or lower device.rate to {_rate(times.of(2))} Hz, for two readings"
         raise ConfigError(f"{both}: {error}; {rate}", field="write_delay") from None
+    remedy = "`forcebound feel` says how much"
+    if servo.energy_partner or isinstance(model, DrivenModel):  # coupled, or no operator
+        remedy = "state 1.5 times what `forcebound check device` says"
     _logger.info(
         "one reading in a tick (two and a write take %s of %s): its force acts %s after it, and"
-        " device.write_delay of %s costs stiffness; `forcebound feel` says how much",
+        " device.write_delay of %s costs stiffness; %s",
         *map(_ms, (times.of(2), period, times.delay(servo), model.write_delay)),
+        remedy,
     )
     return True
 

@@ -11,6 +11,7 @@ from forcebound.errors import ConfigError, RunError
 from forcebound.graph.graph import GraphConfig
 from forcebound.graph.phases import timetable
 from forcebound.graph.resolved import kind_of, to_document
+from forcebound.haptics.devices import JointsModel
 from forcebound.haptics.environments import may_report_contacts
 from forcebound.messages.control import Configure, Parameters
 from forcebound.messages.events import PHASE_BEGINS, EventLog, is_of
@@ -206,6 +207,8 @@ def check_has_virtual_time(config: GraphConfig) -> None:
         instead = hand.device.simulated_in
         if instead is None:
             continue
+        if len(config.hands) > 1 and isinstance(hand.device, JointsModel):
+            instead = "joint_arms"
         kind = kind_of("device", hand.device)
         raise ConfigError(
             f"the device {kind} is no simulated one, and has no virtual time: use"
