@@ -36,6 +36,16 @@ HISTORIES: dict[str, tuple[list[Step], str | None]] = {
         [*RUNNING, (500, Interrupted(), [Terminate("device")]), *STOPPED],
         None,
     ),
+    "an interrupt after the planned end kills nobody": (
+        [
+            *RUNNING,
+            (1002, None, []),
+            (1003, None, [Terminate("device")]),
+            (1004, Interrupted(), []),
+            *STOPPED,
+        ],
+        None,
+    ),
     "an interrupt while starting stops in order": (
         [(1, READY[0], []), (2, Interrupted(), [Terminate("device")]), *STOPPED],
         None,

@@ -84,7 +84,8 @@ def _run_virtual(
             config, duration, record, may_end_early=True, progress=bar
         )
     speed = next(iter(results.values())).times_real_time
-    show(f"virtual time: {speed:.0f} times real time", err=True)
+    digits = ".0f" if speed >= 10.0 else ".2g"
+    show(f"virtual time: {speed:{digits}} times real time", err=True)
     return results
 
 

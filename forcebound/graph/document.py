@@ -223,12 +223,12 @@ def with_device_file(root: Value, problems: Problems, arguments: Substitution) -
         path = named.folder / named.text
         try:
             base = arguments.apply(device_section(path, problems))
-            kind, meant = base.entries["kind"], own.entries.get("kind")
-            if meant is not None and kind.plain != meant.plain:
-                message = f"{path} is of a device of the kind {kind}, this hand has {meant}"
+            kind, meant = (one.entries.get("kind") for one in (base, own))
+            if kind is not None and meant is not None and kind.plain != meant.plain:
                 raise ConfigError(
-                    f"{message}: write kind: {kind.text} beside include if it has that device, else"
-                    " identify this one with `forcebound identify`"
+                    f"{path} was measured on a {kind.plain}; this launch file has a {meant.plain}."
+                    f" Include a launch file with a {kind.plain} instead, or run"
+                    f" `forcebound identify {meant.plain}`"
                 )
         except ConfigError as error:
             problems.add(str(error), named.place)

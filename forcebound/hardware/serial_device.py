@@ -20,10 +20,8 @@ from forcebound.quantities import POSITIVE, Inertia, Name, Range, Time
 # s. Nobody is in danger at an emulator, and a busy machine should not end the run: at a load of 5
 # on two cores the longest of 200 000 replies took 33 ms.
 LIMIT, EMULATED_LIMIT = 0.02, 0.1
-SILENT = (
-    "is this the port of the board that the launch file names, does it have power? (an emulator may"
-    " get no processor: see `forcebound doctor`, or take a longer watchdog_limit)"
-)
+SILENT = "is this the port of the board that the launch file names, does it have power?"
+STARVED = 'the emulator got no processor for so long: try again, or watchdog_limit:="100 ms"'
 FIRST_EXCHANGES = 50  # without force, for the quickest exchange
 LONGEST_WAIT = 0.5  # s, for a board that has not been given a force yet
 
@@ -122,9 +120,10 @@ class Exchanges:
     """
 
     def __init__(
-        self, line: Line, within: float, clock: Callable[[], int], silent: str = SILENT
+        self, line: Line, within: float, clock: Callable[[], int], silent: str | None = None
     ) -> None:
-        self._line, self._clock, self._silent = line, clock, silent
+        self._line, self._clock = line, clock
+        self._silent = silent or (SILENT if line.truth is None else STARVED)
         self._late_ns = round(within * 1e9)
         self._quickest_ns: dict[str, int] = {}
         self.longest_wait = line.silence

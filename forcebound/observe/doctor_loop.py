@@ -74,12 +74,17 @@ def _delay(seen: Observations) -> Iterator[Finding]:
         yield problem(
             "delay_near_age_limit", node_name(seen.hand, "loop"), words, LESS_DELAY, command
         )
-    elif injected is None or seen.config.only.remote is not None:
-        return
-    elif p50 > injected + LATE_PERIODS / servo.rate:
+    elif (
+        injected is not None
+        and seen.config.only.remote is None
+        and p50 > injected + LATE_PERIODS / servo.rate
+    ):
         words += f"; injected are at most {1e3 * injected:.1f} ms"
         words += f", the period is {1e3 / servo.rate:g} ms"
         yield problem("late_loop", node_name(seen.hand, "loop"), words, causes=_lateness(seen))
+    elif p50 > LATE_PERIODS / servo.rate:
+        words += ": costs stiffness, never passivity"
+        yield note("delayed_loop", node_name(seen.hand, "loop"), words, "less delay on the links")
 
 
 def _injected_delay(config: GraphConfig) -> float | None:

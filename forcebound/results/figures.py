@@ -332,7 +332,7 @@ FIGURES: tuple[Figure, ...] = (
     Figure("largest_energy_fall", "largest fall of energy", MJ, "fall.energy", need.TRUTH),
     Figure("energy_regain_time", "time to regain it", MS, "fall.time_to_regain", need.REGAINED),
     Figure(
-        "energy_since_contact_min", "minimum energy since contact", MJ, _since_contact, need.BROUGHT
+        "energy_since_contact_min", "minimum since contact, net", MJ, _since_contact, need.BROUGHT
     ),
     Figure(
         "observed_energy_min",

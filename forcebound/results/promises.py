@@ -23,8 +23,14 @@ LARGEST_SPEED = 3e8  # m/s; a recording may imply any
 ROUNDED_UP = 1.005  # a number of three digits is then no less
 COSTS_FORCE = "largest_speed"  # the promise that costs no more if it is broken
 _WORDS = {
-    "write_delay": ("forces acted later than", "state {most}, or make the bus faster"),
-    "watchdog_limit": ("forces lasted longer than", "state {most}, if nothing drops them then"),
+    "write_delay": (
+        "forces acted later than",
+        'state {path}:="{most}" (costs some stiffness), or make the bus faster',
+    ),
+    "watchdog_limit": (
+        "forces lasted longer than",
+        'state {path}:="{most}" (costs some stiffness), if nothing drops them then',
+    ),
     COSTS_FORCE: (
         "readings were refused, since they imply more than",
         "that costs force; state more if the hand was so fast, else look at the encoder{unit}",
@@ -121,7 +127,8 @@ def in_words(broken: BrokenPromise) -> str:
     numbers = (broken["stated"], broken["typical"], most, ROUNDED_UP * most)
     stated, typical, largest, more = (in_unit(number, unit, 3) for number in numbers)
     counts = f"{broken['count']:,} of {broken['of']:,}"
+    path = f"device.{broken['promise']}"
     return (
-        f"{counts} {what} device.{broken['promise']} ({stated}): typically {typical}, at most"
-        f" {largest}; {remedy.format(most=more, unit=doubt)}"
+        f"{counts} {what} {path} ({stated}): typically {typical}, at most"
+        f" {largest}; {remedy.format(most=more, path=path, unit=doubt)}"
     )

@@ -78,6 +78,7 @@ class Lifecycle:
         self._remote_topics = frozenset(remote_topics)
         self.failure: Failure | None = None  # the first
         self.interrupted = False  # the run was ended on request
+        self._asked = False  # somebody asked for the end, perhaps after it
         self._phase_end_ns: int | None = time_ns + limits.start_ns
         self._limits = limits
         self._duration_ns = duration_ns
@@ -317,8 +318,11 @@ class Lifecycle:
 
     def _on_interrupt(self, time_ns: int) -> list[Action]:
         if self.phase is not RunPhase.STOPPING:
-            self.interrupted = True
+            self.interrupted = self._asked = True
             return self._stop(time_ns)
+        if not self._asked:  # it came just after the planned end: the recorder is to finish
+            self._asked = True
+            return []
         # A second interrupt kills all except the devices, which are about to write zero.
         devices = self._of_role(DEVICE)
         return [self._kill(node) for node in sorted(self._alive - {*devices} - self._killed)]

@@ -162,6 +162,8 @@ class Supervisor:
                     self._selector.unregister(key.fd)
             events: list[LifecycleEvent | None] = [*self._answers(), *self._ends()]
             if signals.take():
+                if not lifecycle.interrupted:
+                    self.screen.show(LAUNCHER, "ending; the result follows in some seconds")
                 events.append(Interrupted())
             awaited = self._awaited(lifecycle)
             for event in events or [None]:

@@ -303,6 +303,7 @@ def write(path: Path, document: Document, command: str) -> None:
     yaml.dump(json.loads(json.dumps(document)), text)  # no object twice: that gives anchors
     no_speed = document["device"].get("hand_speed", "") is None
     head = f"# Written by `{command}`. Use: `{use_of(path, no_speed)}` in a launch file.\n"
+    head += "# SI units: at a joint N m and rad, else N and m. One number for each joint or axis.\n"
     try:
         path.write_text(head + text.getvalue(), encoding="utf-8")
     except OSError as error:
