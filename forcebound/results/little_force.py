@@ -30,7 +30,8 @@ LATE = 1.3  # periods
 SHORT_LIMIT = 0.03  # s, of the launch files that ship
 ALLOWANCES = (1e-3, 2e-3, 5e-3, 0.01, 0.015, 0.02)  # J
 FASTEST = 5000.0  # Hz, of a live run
-NOT_THE_LAWS = ("saturation", "engage_ramp", "soft_controller", "dissipation")  # causes beside what a law lacks
+#: Causes beside what a law lacks.
+NOT_THE_LAWS = ("saturation", "engage_ramp", "soft_controller", "dissipation")
 NEEDED = {"law", "rate", "damping", "friction", "resolution", "saturation", "watchdog"}
 #: Numbers of a device, and what makes them smaller.
 COSTLY = {
