@@ -294,6 +294,7 @@ the twin without it feels more, and its remedy *gives* what the twin with the re
 | `hold_limit` | a fixed `device.hold_limit` | `auto` |
 | `missed_ticks` | ticks that were late or missed; if the device's own reads and writes take more than a period, that is said | punctual ticks; else a `device.rate` that the device can keep |
 | `late_answers` | half of the answers are older than a period, or some are missing | answers at once |
+| `soft_controller` | `virtual_coupling` and `wave_variables` have a spring of their own, in series with the wall | a larger `impedance` or `stiffness`; or `direct` with a certified law |
 | `energy_cap` | the ledger may not keep more | `auto` |
 | `fading` | `certified_fading` forgets what the hand has put in | `certified` |
 | `law_not_certified` | another law gives less than `certified` would | `certified` |

@@ -82,8 +82,9 @@ def tried(function: Callable[[], bytes], files: Sequence[Path], seconds: float) 
         if error.status is None:
             raise ConfigError(
                 f"{names}: loading and trying it took more than {seconds:g} s{where}\n"
-                "  Does a loop never end? What takes long (a mesh, a compilation) can be done once,"
-                " before the graph starts, and kept in a file that is read here."
+                "  Does a loop never end, or is the machine busy (try again)? What takes long (a"
+                " mesh, a compilation) can be done once, before the graph starts, and kept in"
+                " a file that is read here."
             ) from None
         how = f"exit status {error.status}"
         if error.status < 0:

@@ -143,6 +143,22 @@ def test_nothing_is_named_where_nothing_is_lost_or_the_stiffness_is_not_known() 
         assert run_virtual(load(file), 1.0).summary["little_force"] == []
 
 
+@pytest.mark.parametrize("law", ["none", "certified"])
+@pytest.mark.parametrize("kind", ["wave_variables", "virtual_coupling"])
+def test_a_controller_with_a_spring_of_its_own_is_the_cause_and_no_prompt_answer_helps(
+    kind: str, law: str
+) -> None:
+    arguments = [f"controller:={kind}", f"law:={law}"]
+    run = run_virtual(load("two_port_wall", arguments), DURATION)
+    first, *others = run.summary["little_force"]
+    felt = run.summary["stiffness_n_per_m"]
+    assert first["cause"] == "soft_controller"
+    assert first["data"]["takes"] == pytest.approx(felt["asked"] - felt["felt"], rel=0.1)
+    assert "late_answers" not in {one["cause"] for one in others}
+    direct = run_virtual(load("two_port_wall", ["controller:=direct", "delay:=0 ms"]), DURATION)
+    assert not any(one["cause"] == "soft_controller" for one in direct.summary["little_force"])
+
+
 def test_a_world_whose_force_has_the_opposite_sign_is_said_to_pull_deeper(tmp_path: Path) -> None:
     source = (
         Path(parts.__file__).read_text().replace("return (push, *still)", "return (-push, *still)")

@@ -94,6 +94,21 @@ def test_a_map_of_stiffness_shows_leaks_rest_and_where_a_wall_feels_softer(tmp_p
     assert {"displayed stiffness (N/mm)", "energy given to the hand (mJ)"} <= bars
 
 
+def test_a_cell_without_stiffness_is_counted_and_has_a_colour_of_its_own(tmp_path: Path) -> None:
+    columns = {
+        "over.stiffness": [1e3, 2e3, 1e3, 2e3],
+        "over.delay": [0.0, 0.0, 1e-3, 1e-3],
+        "peak_force_n": [1.0, 0.0, 2.0, 0.0],
+    }
+    shown = {"x": "delay", "y": "stiffness", "value": "peak_force_n"}
+    for scale, found in (("log", {"0: below the scale (cells: 2)"}), ("linear", set())):
+        path = hostile(tmp_path / "a.parquet", columns, {"map": {**shown, "scale": scale}})
+        figure = figure_of(read_table(path))
+        assert texts(figure) == found
+        grey = [each for each in figure.axes[0].collections[2:] if not each.get_hatch()]
+        assert [np.ma.count(np.ma.asarray(each.get_array())) for each in grey] == [2] * len(found)
+
+
 def test_a_map_of_energy_for_one_law_has_one_panel_and_one_scale(tmp_path: Path) -> None:
     text = GRID.replace("displayed_stiffness_n_per_m, scale: log", "true_energy_min_j")
     result = tmp_path / "map.parquet"

@@ -30,7 +30,8 @@ LATE = 1.3  # periods
 SHORT_LIMIT = 0.03  # s, of the launch files that ship
 ALLOWANCES = (1e-3, 2e-3, 5e-3, 0.01, 0.015, 0.02)  # J
 FASTEST = 5000.0  # Hz, of a live run
-NOT_THE_LAWS = ("saturation", "engage_ramp", "dissipation")  # causes beside what a law lacks
+#: Causes beside what a law lacks.
+NOT_THE_LAWS = ("saturation", "engage_ramp", "soft_controller", "dissipation")
 NEEDED = {"law", "rate", "damping", "friction", "resolution", "saturation", "watchdog"}
 #: Numbers of a device, and what makes them smaller.
 COSTLY = {
@@ -39,6 +40,17 @@ COSTLY = {
     "gain_error": "a gain that is measured better",
     "weight_error": "a weight that is measured better",
     "resolution": "a finer encoder",
+}
+#: Controllers that are softer than the wall, whatever the law, and why.
+SOFT = {
+    "virtual_coupling": (
+        "the coupling's spring is in series with the wall: a larger controller.stiffness, or"
+        " controller direct with a certified law"
+    ),
+    "wave_variables": (
+        "the wave impedance b is a spring b/T in series with the wall, T the delay each way: a"
+        " larger controller.impedance, or less delay"
+    ),
 }
 OPPOSITE = (
     "the environment's force pulls the hand deeper: if it is the force on the hand, return its"
@@ -88,6 +100,11 @@ def causes_of_little_force(run: "Samples") -> list[Cause]:
     for suspect in _suspects(twin, run, law):
         with suppress(ConfigError):  # numbers that do not go together
             found += _judged(twin, suspect, least)
+    if (kind := run.launched.controller.get("kind")) in SOFT:
+        depth = np.where(run.contact & steady_window(run.time), run.depth, 0.0)
+        softer = twin.asked - float(depth @ commanded / (depth @ depth))
+        if softer >= least:
+            found.append(Cause("soft_controller", SOFT[kind], data={"takes": softer}))
     found.sort(key=takes, reverse=True)
     rest = lost - sum(map(takes, found))
     if law != "none" and (rest > 0.5 * lost or not found):
@@ -156,7 +173,8 @@ def _suspects(twin: Twin, run: "Samples", law: str) -> Iterator[_Suspect]:
     yield from _of_the_device(twin)
     answered = np.isfinite(columns.reply_age)
     age = float(np.median(columns.reply_age[answered])) if answered.any() else 0.0
-    if age > twin.stated.period or not answered.all():
+    is_soft = run.launched.controller.get("kind") in SOFT  # a prompt answer is as soft
+    if not is_soft and (age > twin.stated.period or not answered.all()):
         why = f"half of the answers are {1e3 * age:.2g} ms old or older"
         why += "" if answered.all() else f", and {np.mean(~answered):.1%} of the ticks have none"
         change = Change(is_prompt=True)

@@ -2,23 +2,23 @@ r"""Time-domain passivity of a two-port: the network gives neither end more than
 
 Each port adds up the energy that goes into the network there, E_in, and that comes out, E_out,
 apart. E_in travels with the packets; it only grows, so the largest one that was received counts,
-and loss and disorder are harmless. With F the force on the hand (positive: it resists) that was
-held for a step d of its readings,
+and loss and disorder are harmless. With F the force (positive: it resists) that was held for a step
+d, P is the energy that goes into the network: F d at the hand, -F d at the environment,
 
 .. math::
 
-    P = F \cdot d, \qquad E_{in} \mathrel{+}= \max(P, 0), \qquad E_{out} \mathrel{+}= \max(-P, 0)
+    E_{in} \mathrel{+}= \max(P, 0), \qquad E_{out} \mathrel{+}= \max(-P, 0)
 
-at the hand. There it is the force that gives way (an impedance). With the rest R, the other port's
+At the hand it is the force that gives way (an impedance). With the rest R, the other port's
 E_in less E_out, and :math:`d = v\,dt` the step that comes next,
 
 .. math:: F \mathrel{+}= \alpha d, \qquad \alpha = (-P - R) / |d|^2 \qquad (-P > R)
 
 so that, while R is negative since another step came, it brakes; that part is at most
 ``MAX_DAMPING``. At the environment it is the motion that gives way (an admittance). F is the
-environment's last answer, and power into the environment comes out of the network:
+environment's last answer:
 
-.. math:: d \mathrel{+}= \beta F, \qquad \beta = (R - P) / |F|^2 \qquad (P > R)
+.. math:: d \mathrel{+}= \beta F, \qquad \beta = (R + P) / |F|^2 \qquad (-P > R)
 
 So the environment is asked about a place that falls behind that of the hand. With
 ``drift_compensation`` a step goes to the hand's place, as far as R pays for it; without, it is the

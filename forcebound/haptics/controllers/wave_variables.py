@@ -21,7 +21,8 @@ signal ``wave_time``; w follows from the reply's force and the u that it answers
 sum S of their times; it is scaled by :math:`\sqrt{S / dt}`, which is :math:`\sqrt{1 - dT/dt}` of
 samples. It never has more energy than was sent. Nothing arrived: the wave is zero. The environment
 steps with the time of each wave, so for it no delay varies, and a lost wave is left out. A lost or
-scaled wave leaves a drift of the position, which the method does not make good.
+scaled wave leaves a drift of the position: wave integrals and the drift correction of the 2004
+paper are not implemented.
 
 **What is felt.** At low frequency the delay, T each way, feels as a mass b T in free motion, as a
 spring b / T in series with a stiff wall. Reflections (a period of 4 T in free motion) die out fast

@@ -47,6 +47,7 @@ _SOFTER: dict[str, Any] = {  # a white line that is seen on any colour, also in 
     "linewidth": 1.4,
     "path_effects": [Stroke(linewidth=2.6, foreground="black"), Normal()],
 }
+_BELOW = "#b0b0b0"  # no colour of a logarithmic scale
 _COLUMNS = 3
 MOST_TICKS = 6  # of an axis of a small panel
 WIDE = 300.0  # ratio of the ends of a logarithmic axis across, above which numbers would overlap
@@ -165,10 +166,14 @@ def _surfaces(table: Table, drawing: Values, new: Callable[..., Figure]) -> Figu
     figure, axes, columns = _panels(new, len(panels), (3.4, 2.6), (1.6, 1.0))
     norm, leak_norm = _scale(cells), _leak_scale(cells.leaks)
     legend: Legend = {}
+    below = 0
     for axis, panel in zip(axes, panels, strict=False):
         chosen = np.array([one == panel for one in cells.group])
         legend |= _draw_panel(axis, cells, chosen, norm, leak_norm)
         axis.set_title(_words(panel), fontsize=10)
+        below += int(_is_below(cells, chosen, norm).sum())
+    if below:
+        legend[f"0: below the scale (cells: {below})"] = Patch(facecolor=_BELOW)
     _arrange(axes, cells, len(panels), columns)
     if not cells.is_energy:
         _add_bar(figure, axes, norm, "viridis", data.axis_of(table, drawing["value"])[0])
@@ -194,6 +199,9 @@ def _draw_panel(
     else:
         axis.pcolormesh(*borders, np.where(is_leak, np.nan, value), norm=norm, cmap="viridis")
     axis.pcolormesh(*borders, np.where(is_leak, -leaks, np.nan), norm=leak_norm, cmap=_LEAKS)
+    if (below := _is_below(cells, chosen, norm)).any():
+        shown = np.where(below, 1.0, np.nan)
+        axis.pcolormesh(*borders, shown, cmap=ListedColormap([_BELOW]))
     legend = _draw_limits(axis, cells, chosen)
     if cells.is_energy:
         legend["no energy given"] = Patch(facecolor=_PASSIVE)
@@ -216,6 +224,13 @@ def _draw_panel(
             softer = Line2D([], [], color="white", **_SOFTER)
             legend["a wall begins to feel softer than it is"] = softer
     return legend
+
+
+def _is_below(cells: Cells, chosen: Array, norm: Normalize) -> Array:
+    """Return which cells of a panel are at 0 or less, which a logarithmic scale cannot show."""
+    value, leaks = cells.grid(cells.value, chosen), cells.grid(cells.leaks, chosen)
+    below: Array = (value <= 0.0) & ~(leaks < -_LEAK) & isinstance(norm, LogNorm)
+    return below
 
 
 def _draw_limits(axis: Axes, cells: Cells, chosen: Array) -> Legend:
