@@ -59,7 +59,7 @@ def fit(levels: list[float], chosen: list[int], trials: list[int], is_difference
         pse = pse if is_difference else np.linspace(*of_pse[2], PSES)
         sigma = np.geomspace(*of_sigma[2], SIGMAS)
     lapses = _marginal(lapse, posterior.sum((0, 1)))[0]
-    return Fit(levels, chosen, trials, *of_pse[:2], *of_sigma[:2], lapses)
+    return Fit(levels, chosen, trials, of_pse[0], of_pse[1], of_sigma[0], of_sigma[1], lapses)
 
 
 def _posterior(
