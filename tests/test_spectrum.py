@@ -129,6 +129,7 @@ def test_a_difference_of_a_weber_fraction_is_felt(stiffness: float, is_felt: boo
     (found,) = differences(before, after)
     assert found.figure == "displayed_stiffness_n_per_m"
     assert found.is_perceptible is is_felt
+    assert differences(before, {**after, "at_rest": False})[0].is_perceptible is None
     assert found.difference == pytest.approx(stiffness / 1000.0 - 1.0)
 
 

@@ -20,7 +20,7 @@ from test_user_study import SHORT, STAIRCASE, advance, study_of, with_method
 from forcebound.errors import ConfigError
 from forcebound.lab.study import analysis
 from forcebound.lab.study.analysis import load_data
-from forcebound.lab.study.data import ABOUT, COLUMNS, REGISTER, TRIALS
+from forcebound.lab.study.data import ABOUT, COLUMNS, LEVELS, REGISTER, TRIALS
 from forcebound.lab.study.plan import Study
 from forcebound.lab.study.session import Session
 
@@ -278,6 +278,24 @@ def test_a_cell_is_named_with_what_was_expected_and_what_came(
         load_data(folder)
     assert f"{file}:2.{column}: expected {expected}" in str(caught.value)
     assert f"got {value[:50]!r}"[:-1] in str(caught.value)
+
+
+def test_levels_that_were_written_with_their_unit_are_read(
+    made: tuple[Study, Path], tmp_path: Path
+) -> None:
+    folder = tmp_path / "data"
+    shutil.copytree(made[1], folder)
+    new = load_data(folder)
+    for name in PEOPLE:
+        rows = as_written(folder / name)
+        for row in rows:
+            for key in (one for one in LEVELS if row[one]):
+                row[key] = f"{float(row[key]) / 1e3:.12g} N/mm"
+        with (folder / name / TRIALS).open("w", newline="") as out:
+            writer = csv.DictWriter(out, COLUMNS)
+            writer.writeheader()
+            writer.writerows(rows)
+    assert load_data(folder).rows == new.rows
 
 
 def test_a_number_is_never_given_twice(made: tuple[Study, Path], tmp_path: Path) -> None:

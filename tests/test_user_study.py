@@ -32,7 +32,7 @@ from forcebound.lab.study.measures import Measures, measure
 from forcebound.lab.study.observers import Observer
 from forcebound.lab.study.order import blocks_of, next_trial, staircase, total
 from forcebound.lab.study.plan import SHIPPED, Staircase, Study, load_study, read_study
-from forcebound.lab.study.psychometric import fit
+from forcebound.lab.study.psychometric import JND75, fit
 from forcebound.lab.study.report import write_report
 from forcebound.lab.study.session import Session
 from forcebound.run.virtual import run_virtual
@@ -569,13 +569,32 @@ def test_percentages_spread_and_tests_are_those_by_hand() -> None:
     assert found.sd == pytest.approx(0.25)
     assert found.standard_error == pytest.approx(0.25 / math.sqrt(3))
     assert (found.chosen, found.trials) == (9, 12)
-    # 2 (C(12,9) + C(12,10) + C(12,11) + 1) / 2^12
-    assert found.p == pytest.approx(2 * (220 + 66 + 12 + 1) / 4096)
+    assert found.p == pytest.approx(0.2254, abs=1e-4)  # t = sqrt(3) with 2 degrees of freedom
+    reach = 4.3027 * 0.25 / math.sqrt(3)
+    assert found.interval == pytest.approx((0.75 - reach, 0.75 + reach), abs=1e-4)
     assert analysis.d_prime(50, 100) == pytest.approx(0.0)
-    assert found.sensitivity == pytest.approx(math.sqrt(2) * NormalDist().inv_cdf(9.5 / 13))
+    each = [math.sqrt(2) * NormalDist().inv_cdf(n / 5) for n in (3.5, 2.5, 4.5)]
+    assert found.sensitivity == pytest.approx(fmean(each))
+    alone = analysis.shares(data_of({"a": [1, 1, 1, 1]}).rows)
+    assert alone.p == pytest.approx(2 / 2**4)  # exact: one participant
+    assert alone.interval == pytest.approx((0.025 ** (1 / 4), 1.0))
     checks = analysis.checks(data)
     assert checks["touches repeated for their speed"].startswith("12,")
     assert {"speed, slow, friction", "speed, slow, viscous"} <= checks.keys()
+
+
+def test_blocks_are_compared_by_participant() -> None:
+    first = data_of({"a": [1, 1, 1, 1], "b": [1, 1, 1, 0], "c": [1, 1, 1, 1]})
+    second = data_of({"a": [1, 1, 0, 0], "b": [1, 0, 0, 0], "c": [1, 0, 1, 1]})
+    rows = [*first.rows, *({**row, "block": "fast"} for row in second.rows)]
+    [(name, mean, low, high, p)] = analysis.contrasts(Data(first.study, "made up", "person", rows))
+    assert name == "friction, slow less fast"
+    assert mean == pytest.approx(fmean((0.5, 0.5, 0.25)))
+    reach = 4.3027 * math.sqrt(1 / 48) / math.sqrt(3)
+    assert (low, high) == pytest.approx((mean - reach, mean + reach), abs=1e-4)
+    assert p == pytest.approx(0.0377, abs=1e-4)  # t = 5 with 2 degrees of freedom
+    assert list(analysis.contrasts(data_of({"a": [1], "b": [0]}))) == []
+    assert math.isnan(analysis.t_test([0.5, 0.5], 0.5)[2])
 
 
 def test_the_mixed_model_finds_a_known_effect() -> None:
@@ -603,39 +622,18 @@ def test_a_fit_recovers_a_known_psychometric_function(tmp_path: Path) -> None:
     (tmp_path / "own.yaml").write_text(with_method(CONSTANT))
     file = read_study(tmp_path / "own.yaml", Problems())[0]
     found = analysis.psychometric(file, rows)
-    assert found.threshold == pytest.approx(1.05, abs=0.04)
-    assert found.interval[0] < 1.05 < found.interval[1]
+    assert found.pse == pytest.approx(1.05, abs=0.04)
+    assert found.pse_interval[0] < 1.05 < found.pse_interval[1]
     assert found.sigma == pytest.approx(0.2, abs=0.05)
 
 
-@pytest.mark.parametrize(
-    ("levels", "chosen", "guess", "threshold", "interval", "sigma"),
-    [
-        (
-            [0.6, 0.75, 0.9, 1.05, 1.2, 1.35, 1.5],
-            [1, 4, 14, 29, 46, 57, 58],
-            *(None, 1.0517, (1.0085, 1.0862), 0.193),
-        ),
-        (
-            [0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0],
-            [36, 39, 42, 45, 51, 57, 58],
-            *(0.5, 0.3888, (0.2207, 0.4644), 0.346),
-        ),
-    ],
-)
-def test_a_fit_is_that_of_psignifit(
-    levels: list[float],
-    chosen: list[int],
-    guess: float | None,
-    threshold: float,
-    interval: tuple[float, float],
-    sigma: float,
-) -> None:
+def test_a_fit_is_that_of_psignifit() -> None:
     """The values are of psignifit 4.3; its prior of sigma differs, which a tenth of it covers."""
-    found = fit(levels, chosen, [60] * 7, guess)
-    assert found.threshold == pytest.approx(threshold, abs=0.1 * sigma)
-    assert found.interval == pytest.approx(interval, abs=0.1 * sigma)
-    assert found.sigma == pytest.approx(sigma, rel=0.1)
+    levels, chosen = [0.6, 0.75, 0.9, 1.05, 1.2, 1.35, 1.5], [1, 4, 14, 29, 46, 57, 58]
+    found = fit(levels, chosen, [60] * 7, is_difference=False)
+    assert found.pse == pytest.approx(1.0517, abs=0.02)
+    assert found.pse_interval == pytest.approx((1.0085, 1.0862), abs=0.02)
+    assert found.sigma == pytest.approx(0.193, rel=0.1)
 
 
 def test_a_fit_of_few_answers_has_a_wide_interval() -> None:
@@ -644,8 +642,41 @@ def test_a_fit_of_few_answers_has_a_wide_interval() -> None:
         ([0.0], [0], [1]),
         ([1.0, 2.0], [1, 1], [1, 1]),
     ):
-        low, high = fit(levels, chosen, trials, 0.5).interval
+        low, high = fit(levels, chosen, trials, is_difference=False).pse_interval
         assert high - low > 0.5 * (max(levels) - min(levels) or max(levels))
+    low, high = fit([1.0], [3], [4], is_difference=True).sigma_interval
+    assert high > 3.0 * low > 0.0
+
+
+def climbed(study: Study, observer: Observer) -> list[dict[str, str]]:
+    """The trials of a simulated observer who feels the commanded stiffness."""
+    rows = list[dict[str, str]]()
+    while (trial := next_trial(study, 0, rows)) is not None:
+        felt = [Measures(stiffness=1e3 * float(one.level.split()[0])) for one in trial.stimuli]
+        answer = str(observer._choice(felt, Random(f"{observer.seed}/{trial.seed}")))
+        right = str(int(answer == trial.columns["counted_interval"]))
+        rows.append({**trial.columns, "participant": "a", "chose_counted": right})
+    return [row for row in rows if row["phase"] == "main"]
+
+
+def test_the_threshold_of_a_simulated_observer_on_a_staircase_is_found(tmp_path: Path) -> None:
+    study = study_of(with_method(STAIRCASE.replace("step: 0.2", "step: 0.1")), tmp_path)
+    assert isinstance(study.method, Staircase)
+    truth = 0.155  # 75 % right answers: the noise is 0.23 of the mean square of both levels
+    for _ in range(20):
+        truth = NormalDist().inv_cdf(0.75) * 0.23 * math.sqrt(0.5 + 0.5 * (1.0 + truth) ** 2)
+    found = [analysis.psychometric(study, climbed(study, Observer(seed))) for seed in range(20)]
+    intervals = [(JND75 * one.sigma_interval[0], JND75 * one.sigma_interval[1]) for one in found]
+    assert all(low > 0.0 for low, _ in intervals)
+    assert sum(low < truth < high for low, high in intervals) >= 17
+    assert fmean(JND75 * one.sigma for one in found) == pytest.approx(truth, rel=0.15)
+
+
+def test_one_who_feels_nothing_on_a_staircase_has_a_threshold_beyond_its_levels() -> None:
+    levels = [0.1, 0.2, 0.3, 0.4]
+    found = fit(levels, [50, 51, 49, 50], [100] * 4, is_difference=True)
+    assert (found.pse, found.pse_interval) == (0.0, (0.0, 0.0))
+    assert found.sigma_interval[1] > max(levels)
 
 
 def test_a_simulated_staircase_ends_and_its_threshold_is_found(tmp_path: Path) -> None:
@@ -660,6 +691,7 @@ def test_a_simulated_staircase_ends_and_its_threshold_is_found(tmp_path: Path) -
     assert isinstance(study.method, Staircase)
     assert len(staircase(study.method, answers)[1]) >= 8 or len(rows) == 30
     own = [{**row, "participant": "a"} for row in rows]
-    (threshold,) = analysis.reversal_thresholds(study, own).values()
-    assert 0.1 <= threshold < 1.0
+    (mean,) = analysis.reversal_means(study, own).values()
+    assert 0.1 <= mean < 1.0
+    assert {float(row["other_level"]) for row in rows} == {1000.0}  # N/m
     assert "Thresholds" in write_report(tmp_path / "data").read_text()

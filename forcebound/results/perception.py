@@ -45,17 +45,17 @@ class Difference(Struct, frozen=True):
     figure: str
     difference: float  # a fraction of the reference
     weber_fraction: float
-    is_perceptible: bool
+    is_perceptible: bool | None  # None: a hand was not at rest, so that its mean says nothing
     source: str
 
 
 def differences(reference: Summary, other: Summary) -> list[Difference]:
     """Return the differences of the figures of :data:`WEBER_FRACTIONS` that both runs have."""
-    found = []
+    found, is_known = [], False not in (reference.get("at_rest"), other.get("at_rest"))
     for figure, (fraction, source) in WEBER_FRACTIONS.items():
         before, after = reference[figure], other[figure]
         if before and after is not None:
             difference = after / before - 1.0
-            is_felt = abs(difference) >= fraction
+            is_felt = abs(difference) >= fraction if is_known or "force" in figure else None
             found.append(Difference(figure, difference, fraction, is_felt, source))
     return found

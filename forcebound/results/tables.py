@@ -41,6 +41,8 @@ def axes_of_figures() -> dict[str, tuple[str, Everyday]]:
 def difference_text(of: Difference) -> str:
     """Return a difference of two runs in words."""
     name = of.figure.rpartition("_n")[0].replace("_", " ")
+    if of.is_perceptible is None:
+        return f"{name} {of.difference:+.0%}; a hand was not at rest"
     felt = "a hand feels it" if of.is_perceptible else "a hand does not feel it"
     return f"{name} {of.difference:+.0%}; {felt} (from {of.weber_fraction:.0%}, {of.source})"
 

@@ -12,6 +12,7 @@ from forcebound.cli.lazy import when_used
 from forcebound.cli.view import shown
 from forcebound.errors import ConfigError
 from forcebound.extras import check_installed
+from forcebound.units import split_quantity
 
 with when_used():
     import asyncio
@@ -60,10 +61,20 @@ def check(file: str = _file) -> None:
     show(f"question: {plan.question}")
     for counted, other in plan.pairs:
         show(f"pair: {counted} against {other}")
-    many = f"{trials} with training, two touches each" if trials else "until the staircases end"
-    show(f"trials: {many}")
+    if isinstance(method := plan.method, plans.Staircase):
+        most = method.most + plan.training.repetitions
+        most *= len(plan.blocks) * len(plan.conditions)
+        low, _, step = plans.same_unit(method, method.start, method.step)
+        unit = split_quantity(method.standard)[1]
+        show(f"trials: at most {most} with training, two touches each")
+        show(
+            f"step: {method.step}, after {method.coarse} reversals half of it; no level is below"
+            f" {low + step / 2.0:.6g} {unit}".rstrip()
+        )
+    else:
+        show(f"trials: {trials} with training, two touches each")
     for number in range(2 * len(plan.blocks)):
-        show(f"participant {number + 1}: {', '.join(order.blocks_of(plan, number))}")
+        show(f"participant number {number}: {', '.join(order.blocks_of(plan, number))}")
 
 
 @command("run", study, short_help="Run a study with one participant, or simulated ones.")

@@ -6,9 +6,10 @@ It needs scipy and statsmodels, the extra ``study``.
 import hashlib
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from statistics import NormalDist, fmean, stdev
 from typing import Any, NamedTuple, TypeAlias
@@ -22,12 +23,11 @@ from forcebound.graph.problems import Problems
 from forcebound.lab.engine import Row
 from forcebound.lab.study.data import ABOUT, STUDY, TRIALS, read_participant, read_trials
 from forcebound.lab.study.order import next_trial, staircase
-from forcebound.lab.study.plan import Staircase, StudyFile, read_study
+from forcebound.lab.study.plan import Pairs, Staircase, StudyFile, read_study
 from forcebound.lab.study.psychometric import Fit, fit
 from forcebound.lab.views import groups
-from forcebound.units import split_quantity
+from forcebound.units import split_quantity, to_si
 
-DROPPED_REVERSALS = 4  # of a staircase, before those whose mean is the threshold
 Group: TypeAlias = tuple[Any, ...]  # block, counted condition, the other one
 
 
@@ -50,15 +50,16 @@ class Data:
 
 
 class Shares(NamedTuple):
-    """How often the counted stimulus was chosen: over participants, and over all trials."""
+    """How often the counted stimulus was chosen, with participants as the unit."""
 
     mean: float
     sd: float  # of participants; NaN of a single one
     standard_error: float
+    interval: tuple[float, float]  # 95 %, by t; of a single one exact, of their trials
     chosen: int
     trials: int
-    p: float  # exact binomial test against one half, two-sided, all trials as if of one person
-    sensitivity: float  # d' of two-interval forced choice
+    p: float  # against one half, two-sided: one-sample t; of a single one the exact binomial
+    sensitivity: float  # mean of the d' of two-interval forced choice
 
 
 def load_data(folder: Path) -> Data:
@@ -110,19 +111,42 @@ def shares(rows: Sequence[Row]) -> Shares:
     """Return how often the counted stimulus was chosen."""
     from scipy.stats import binomtest
 
-    each = [fmean(_chosen(own)) for own in by_participant(rows).values()]
-    chosen, trials = sum(_chosen(rows)), len(rows)
-    spread = stdev(each) if len(each) > 1 else math.nan
-    p = float(binomtest(chosen, trials).pvalue)
-    return Shares(
-        fmean(each),
-        spread,
-        spread / math.sqrt(len(each)),
-        chosen,
-        trials,
-        p,
-        d_prime(chosen, trials),
-    )
+    people = [_chosen(own) for own in by_participant(rows).values()]
+    each, chosen, trials = [fmean(own) for own in people], sum(_chosen(rows)), len(rows)
+    if len(each) > 1:
+        spread, (low, high, p) = stdev(each), t_test(each, 0.5)
+    else:
+        test = binomtest(chosen, trials)
+        spread, p, (low, high) = math.nan, float(test.pvalue), test.proportion_ci()
+    error, d = spread / math.sqrt(len(each)), fmean(d_prime(sum(own), len(own)) for own in people)
+    return Shares(fmean(each), spread, error, (float(low), float(high)), chosen, trials, p, d)
+
+
+def t_test(values: Sequence[float], expected: float) -> tuple[float, float, float]:
+    """Return the 95 % interval of a mean, and the two-sided p of a one-sample t test.
+
+    p is NaN if all values are as expected, and 0 if they are all the same otherwise.
+    """
+    from scipy.stats import t
+
+    error, off = stdev(values) / math.sqrt(len(values)), abs(fmean(values) - expected)
+    reach = float(t.ppf(0.975, len(values) - 1)) * error
+    size = off / error if error else math.inf if off else math.nan
+    p = 2.0 * float(t.sf(size, len(values) - 1))
+    return fmean(values) - reach, fmean(values) + reach, p
+
+
+def contrasts(data: Data) -> Iterator[tuple[str, float, float, float, float]]:
+    """Yield blocks that differ, with mean, 95 % interval and p of the participants' differences.
+
+    A paired t test of how often the same counted stimulus was chosen.
+    """
+    for (one, first), (two, second) in combinations(data.groups.items(), 2):
+        pair = by_participant(first), by_participant(second)
+        both = [name for name in pair[0] if name in pair[1]]
+        if one[1:] == two[1:] and len(both) > 1:
+            by = [fmean(_chosen(pair[0][a])) - fmean(_chosen(pair[1][a])) for a in both]
+            yield f"{one[1]}, {one[0]} less {two[0]}", fmean(by), *t_test(by, 0.0)
 
 
 def _chosen(rows: Sequence[Row]) -> list[int]:
@@ -132,8 +156,9 @@ def _chosen(rows: Sequence[Row]) -> list[int]:
 def d_prime(chosen: int, trials: int) -> float:
     """Return the sensitivity d' of two-interval forced choice, the square root of 2 times z.
 
-    Half a trial is added to either side, so that it is finite. Source: Macmillan and Creelman,
-    Detection theory, 2nd edition, 2005, chapter 7; Hautus, Behavior Research Methods 27, 1995.
+    Half a trial is added to either side (log-linear correction), so that it is finite. Source:
+    Macmillan and Creelman, Detection theory, 2nd edition, 2005, chapter 7; Hautus, Behavior
+    Research Methods 27, 1995.
     """
     return math.sqrt(2.0) * NormalDist().inv_cdf((chosen + 0.5) / (trials + 1.0))
 
@@ -163,26 +188,27 @@ def mixed_model(data: Data) -> list[tuple[str, float, float]]:
 
 
 def psychometric(study: StudyFile, rows: Sequence[Row]) -> Fit:
-    """Fit a psychometric function to the answers at all levels.
+    """Fit a psychometric function to the answers at all levels, in the unit of the standard.
 
     Constant stimuli: the share in which the level was chosen, from 0 to 1, whose middle is the
-    level that feels as the standard. A staircase has levels above the standard only: the share of
-    right answers over the difference, from one half to 1.
+    level that feels as the standard. Staircase: the share of right answers over the difference
+    from the standard, from one half at a difference of 0.
     """
-    is_climbed = isinstance(study.method, Staircase)
-    standard = split_quantity(getattr(study.method, "standard", "0"))[0] if is_climbed else 0.0
+    assert not isinstance(study.method, Pairs)
+    is_climbed, standard = isinstance(study.method, Staircase), study.method.standard
+    size = to_si(f"1 {split_quantity(standard)[1]}") or 1.0
+    zero = to_si(standard) if is_climbed else None
     counts: dict[float, list[int]] = {}
     for row in rows:
-        counts.setdefault(split_quantity(row["counted_level"])[0] - standard, []).append(
-            int(row["chose_counted"])
-        )
+        level = ((to_si(row["counted_level"]) or 0.0) - (zero or 0.0)) / size
+        counts.setdefault(round(level, 12), []).append(int(row["chose_counted"]))
     levels = sorted(counts)
     chosen, trials = [sum(counts[x]) for x in levels], [len(counts[x]) for x in levels]
-    return fit(levels, chosen, trials, 0.5 if is_climbed else None)
+    return fit(levels, chosen, trials, is_climbed)
 
 
-def reversal_thresholds(study: StudyFile, rows: Sequence[Row]) -> dict[str, float]:
-    """Return the mean of each participant's last reversals, 70.7 % right answers.
+def reversal_means(study: StudyFile, rows: Sequence[Row]) -> dict[str, float]:
+    """Return the mean of each participant's reversals after the last change of the step.
 
     They are differences from the standard, in its unit.
     """
@@ -190,8 +216,8 @@ def reversal_thresholds(study: StudyFile, rows: Sequence[Row]) -> dict[str, floa
     found, standard = {}, split_quantity(study.method.standard)[0]
     for name, own in by_participant(rows).items():
         turns = staircase(study.method, [bool(one) for one in _chosen(own)])[1]
-        if len(turns) > DROPPED_REVERSALS:
-            found[name] = fmean(turns[DROPPED_REVERSALS:]) - standard
+        if len(turns) > study.method.coarse:
+            found[name] = fmean(turns[study.method.coarse :]) - standard
     return found
 
 

@@ -25,6 +25,7 @@ from forcebound.lab.study.measures import Measures
 from forcebound.lab.study.order import next_trial
 from forcebound.lab.study.plan import StudyFile
 from forcebound.quantities import CheckedText, Range
+from forcebound.units import to_si
 
 Kind: TypeAlias = Literal["person", "rehearsal", "simulated"]  # rehearsal: without a device
 _Document = TypeVar("_Document")
@@ -64,6 +65,7 @@ _HINTS: dict[str, object] = {
     **{f"{name}_{interval}": hint for interval in (1, 2) for name, hint in _OF_TOUCH.items()},
 }
 COLUMNS = tuple(_HINTS)
+LEVELS = ("counted_level", "other_level", "level_1", "level_2")
 _TEXTS = (str, _TIME)  # the others are numbers, or empty
 _ROW = Form("the row", {name: Field(name, hint, True) for name, hint in _HINTS.items()})
 
@@ -164,6 +166,9 @@ def _check(
     chose = str(int(row["answer"] == row["counted_interval"]))
     expected = trial.columns | {"kind": about.kind, "chose_counted": chose}
     for name in COLUMNS:
+        if name in LEVELS and row[name] != expected[name]:  # once it was written with its unit
+            number = to_si(row[name])
+            row[name] = row[name] if number is None else f"{number:.12g}"
         if row[name] != expected.get(name, row[name]):
             raise ConfigError(
                 f"{place}.{name}: expected {expected[name]!r}, got {shortened(row[name])!r}",

@@ -208,7 +208,7 @@ class LiveStudy:
         while not approach.newest.time:
             self._follow(approach)
         if approach.newest.position > approach.line:
-            raise AgainError("Too early.")
+            raise AgainError("Too early. Go back behind the line.")
         self._session.begin()
         self._show(
             "go", title, "Touch the wall.", scene={"line": approach.line, "wall": approach.wall}

@@ -5,6 +5,7 @@ from the displayed stiffness of both touches. Nothing here was fitted to a study
 """
 
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -177,6 +178,7 @@ def run_observers(
 def _take_part(observer: Observer, file: str, folder: Path, names: Sequence[str]) -> list[Row]:
     for name in names:
         observer.take_part(_study(file), folder, name)
+        sys.stderr.write(f"{name} has answered all trials\n")
     return []
 
 

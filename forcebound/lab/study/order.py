@@ -4,7 +4,7 @@ So nothing but the answers has to be kept: a session that goes on computes the s
 """
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import lru_cache
 from random import Random
 from typing import Literal, TypeAlias
@@ -43,11 +43,11 @@ class Trial:
             "block": self.block,
             "phase": self.phase,
             "counted": self.counted.condition,
-            "counted_level": self.counted.level,
+            "counted_level": self.counted.columns["level"],
             "other": self.other.condition,
-            "other_level": self.other.level,
+            "other_level": self.other.columns["level"],
             "counted_interval": "1" if self.counted_first else "2",
-        } | {f"{key}_{i}": text for i, one in shown for key, text in asdict(one).items()}
+        } | {f"{key}_{i}": text for i, one in shown for key, text in one.columns.items()}
 
 
 def blocks_of(study: StudyFile, number: int) -> list[str]:

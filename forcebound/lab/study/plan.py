@@ -30,7 +30,7 @@ from forcebound.quantities import (
     Stiffness,
     Time,
 )
-from forcebound.units import split_quantity
+from forcebound.units import split_quantity, to_si
 
 #: Environments that are one flat wall, across the first axis.
 WALLS = ("wall", "damped_wall", "power_law_wall", "time_varying_wall")
@@ -49,6 +49,15 @@ class Stimulus:
 
     def __str__(self) -> str:
         return f"{self.condition} {self.level}".rstrip()
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """Condition, and level in SI, as rows and events have it."""
+        number = to_si(self.level) if self.level else None
+        return {
+            "condition": self.condition,
+            "level": f"{number:.12g}" if number is not None else self.level,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

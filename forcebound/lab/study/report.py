@@ -12,7 +12,7 @@ from forcebound.lab.engine import Row
 from forcebound.lab.study import analysis
 from forcebound.lab.study.analysis import Data, Shares
 from forcebound.lab.study.plan import Pairs, Staircase
-from forcebound.lab.study.psychometric import Fit
+from forcebound.lab.study.psychometric import JND75, Fit
 from forcebound.lab.views import table
 from forcebound.results.colours import NEUTRAL, PHYSICAL
 from forcebound.results.plots import blank, plain, save
@@ -51,16 +51,19 @@ def _head(data: Data) -> Iterator[str]:
     yield data.study.description
     yield ""
     yield f"Participants: {people} (**{data.kind}**). Answered trials: {len(data.rows)}."
+    if data.kind == "simulated":
+        yield "The simulated observers are identical; their spread says nothing about that between"
+        yield "people. Do not plan a sample size with it."
     yield ""
 
 
 def _percentages(data: Data, found: dict[analysis.Group, Shares]) -> Iterator[str]:
     """Yield how often the counted stimulus was chosen, with the tests."""
-    terms = analysis.mixed_model(data)
+    terms, is_one = analysis.mixed_model(data), len(analysis.by_participant(data.rows)) < 2
     yield "## Chosen as the answer"
     yield ""
-    heads = ["block", "counted", "mean (SD), %", "standard error, %", "published (SD), %"]
-    heads += ["all trials", "exact binomial p", "d'", "log odds, mixed model (SD)"]
+    heads = ["block", "counted", "mean (SD), %", "standard error, %", "95 %", "p against 50 %"]
+    heads += ["published (SD), %", "all trials", "d'", "log odds, mixed model (SD)"]
     rows = []
     for number, ((block, counted, other), one) in enumerate(found.items()):
         theirs = data.study.published.get(block)
@@ -69,15 +72,29 @@ def _percentages(data: Data, found: dict[analysis.Group, Shares]) -> Iterator[st
                 *(block, f"{counted} against {other}"),
                 f"{_percent(one.mean)} ({_percent(one.sd)})",
                 _percent(one.standard_error),
+                *(" to ".join(map(_percent, one.interval)), f"{one.p:.2g}"),
                 f"{_percent(theirs.chosen)} ({_percent(theirs.sd)})" if theirs else "",
-                *(f"{one.chosen} of {one.trials}", f"{one.p:.2g}", f"{one.sensitivity:.2f}"),
+                *(f"{one.chosen} of {one.trials}", f"{one.sensitivity:.2f}"),
                 f"{terms[number][1]:.2f} ({terms[number][2]:.2f})" if terms else "",
             ]
         )
     yield from table(heads, rows)
     yield ""
-    yield "The exact test takes all trials as if of one person; the mixed model does not."
+    yield _TESTS[is_one]
     yield ""
+    for name, mean, low, high, p in analysis.contrasts(data):
+        interval = f"95 % {100 * low:.2f} to {100 * high:.2f}"
+        yield f"* {name}: {100 * mean:+.2f} % ({interval}), p = {p:.2g}"
+    yield ""
+
+
+_TESTS = (
+    "95 % and p are of participants' percentages (one-sample t test). d' is the mean of their d',"
+    " each with the log-linear correction (half a trial is added to either side). A difference of"
+    " blocks, if there are several, is a paired t test of participants.",
+    "One participant: 95 % and p are exact binomial ones of the trials, and say nothing about other"
+    " people. d' has the log-linear correction (half a trial is added to either side).",
+)
 
 
 def _percent(share: float) -> str:
@@ -136,27 +153,50 @@ def _thresholds(data: Data, fits: dict[analysis.Group, Fit]) -> Iterator[str]:
     is_climbed = isinstance(data.study.method, Staircase)
     yield "## Thresholds"
     yield ""
-    yield f"In {_unit(data)}. {_MEANINGS[is_climbed]} *all* takes the trials as if of one person."
+    yield f"In {_unit(data)}. {_MEANINGS[is_climbed]} {_LAMBDA}"
     yield ""
     rows = []
     for key, own in data.groups.items():
         each = {name: analysis.psychometric(data.study, one) for name, one in _people(own)}
-        turns = analysis.reversal_thresholds(data.study, own) if is_climbed else {}
+        turns = analysis.reversal_means(data.study, own) if is_climbed else {}
         for name, fit in {"all": fits[key], **each}.items():
-            low, high = fit.interval
-            shown = [f"{fit.threshold:.4g}", f"{low:.4g} to {high:.4g}", f"{fit.sigma:.4g}"]
-            turn = [f"{turns[name]:.4g}"] if name in turns else [""]
-            rows.append([*key[:2], name, sum(fit.trials), *shown, *turn])
-    heads = ["block", "condition", "participant", "trials", "threshold", "95 %", "sigma"]
-    yield from table([*heads, "mean of reversals"], rows)
+            rows.append([*key[:2], name, sum(fit.trials), *_fitted(data, fit)])
+            if is_climbed:
+                rows[-1].append(f"{turns[name]:.4g}" if name in turns else "")
+    heads = ["block", "condition", "participant", "trials", *_FITTED[is_climbed]]
+    yield from table(heads, rows)
     yield ""
 
 
+def _fitted(data: Data, fit: Fit) -> list[str]:
+    """Return the cells of a fit: PSE of constant stimuli, JND, Weber fraction, lapse rate."""
+    is_climbed = isinstance(data.study.method, Staircase)
+    standard = split_quantity(getattr(data.study.method, "standard", "0"))[0]
+    factor = JND75 if is_climbed else 1.0
+    pairs = [] if is_climbed else [(fit.pse, fit.pse_interval)]
+    pairs.append(
+        (factor * fit.sigma, (factor * fit.sigma_interval[0], factor * fit.sigma_interval[1]))
+    )
+    shown = [f"{mean:.4g} [{low:.4g}, {high:.4g}]" for mean, (low, high) in pairs]
+    weber = f"{fit.sigma / abs(standard):.3g}" if standard else ""
+    return [*shown, *([f"{fit.sigma:.4g}"] if is_climbed else []), weber, f"{fit.lapse:.3g}"]
+
+
+_FITTED = (
+    ["PSE [95 %]", "JND [95 %]", "Weber fraction", "lapse, lambda"],
+    ["JND75 [95 %]", "sigma", "Weber fraction", "lapse, lambda", "mean of reversals"],
+)
 _MEANINGS = (
-    "The threshold is the level that feels as the standard; sigma is the difference from there to"
-    " 84 %.",
-    "All are differences from the standard. The threshold has 75 % right answers, the mean of the"
-    " reversals 70.7 %; sigma is the standard deviation of the curve's normal distribution.",
+    "PSE is the level that feels as the standard; JND is sigma, the difference from there to 84 %.",
+    "JND75 is the difference from the standard with 75 % right answers; sigma, that with 84 %, is"
+    " JND75 / 0.674. At a difference of 0 an observer is right in 50 %, so that neither is below 0."
+    " The mean of the reversals after the last change of step tends to 70.7 % only when the"
+    " staircase is long and its steps are small beside sigma: use the fit.",
+)
+_LAMBDA = (
+    "The Weber fraction is sigma over the standard. Levels are those commanded. All are without"
+    " lapses; lambda is what the curve lacks to 100 %, half of the share of guesses. *all* takes"
+    " the trials as if of one person."
 )
 
 
@@ -195,16 +235,15 @@ def _bars(data: Data, found: dict[analysis.Group, Shares]) -> Figure:
 def _curves(data: Data, fits: dict[analysis.Group, Fit]) -> Figure:
     """Draw the psychometric functions of all participants together."""
     drawing = blank(6.0, 4.0)
-    axes, guess = drawing.subplots(), 0.5 if isinstance(data.study.method, Staircase) else 0.0
+    axes, is_climbed = drawing.subplots(), isinstance(data.study.method, Staircase)
     for number, ((block, counted, _), fit) in enumerate(fits.items()):
-        x = np.linspace(min(fit.levels), max(fit.levels), 200)
-        normal = np.array([NormalDist(fit.threshold, fit.sigma).cdf(one) for one in x])
-        low = guess or fit.lapse
-        share = low + (1.0 - low - fit.lapse) * normal
+        x = np.linspace(0.0 if is_climbed else min(fit.levels), max(fit.levels), 200)
+        normal = np.array([NormalDist(fit.pse, fit.sigma).cdf(one) for one in x])
+        share = fit.lapse + (1.0 - 2.0 * fit.lapse) * normal
         axes.plot(x, 100 * share, color=f"C{number}", label=f"{block}: {counted}")
         shares = 100 * np.array(fit.chosen) / np.array(fit.trials)
         axes.scatter(fit.levels, shares, 3.0 * np.sqrt(fit.trials), color=f"C{number}")
-    names = ("difference from the standard", "right answers") if guess else ("level", "chosen")
+    names = ("difference from the standard", "right answers") if is_climbed else ("level", "chosen")
     axes.set(xlabel=f"{names[0]} ({_unit(data)})", ylabel=f"{names[1]} (%)", ylim=(-3.0, 103.0))
     axes.legend(frameon=False)
     plain(axes)

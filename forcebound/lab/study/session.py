@@ -258,7 +258,7 @@ class Session:
             self._started = _now()
             self._tell("trial_begins", trial)
         about = {"interval": interval, "law": law, "seed": seed}
-        self._tell("touch_begins", trial, asdict(trial.stimuli[interval - 1]) | about)
+        self._tell("touch_begins", trial, trial.stimuli[interval - 1].columns | about)
 
     def touched(self, measures: Measures) -> bool:
         """Take the measures of a touch; return whether its speed was in the band, or need not."""
