@@ -43,7 +43,7 @@ class Method(NamedTuple):
         weights = self.condition["weights"]
         # without numbers of a tuning it has its defaults, which meet it
         total = sum(weights[name] * value for name, value in numbers.items())
-        return row["network"] == self.condition["network"] and total <= self.condition["most"]
+        return bool(row["network"] == self.condition["network"] and total <= self.condition["most"])
 
 
 def _read(words: Sequence[str], numbers: Mapping[str, Any] = {}, **rest: Any) -> Method:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from forcebound.errors import ConfigError
 from forcebound.files import check_writable
-from forcebound.lab.engine import Campaign, Row, run
+from forcebound.lab.engine import Campaign, run
 from forcebound.lab.views import table
 from forcebound.lab.workers import local_executor
 from forcebound.run.progress import progress_bar
@@ -23,7 +23,7 @@ from forcebound_proofs.league.scores import Worst, worst
 from forcebound_proofs.views import check_page, write_page
 
 SMOKE = (
-    "\n\n**A page of `--small` is a smoke test**: four evaluations are random sampling, no tuning."
+    "\n\n**A page of `--small` is a smoke test**: four evaluations are samples, no tuning."
 )
 SMALL = Budget(tuning=4, attacks=(4, 8), seconds=1.5, long=5.0, attacked=1.0)
 
