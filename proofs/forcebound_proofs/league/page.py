@@ -112,7 +112,7 @@ def _losses(rows: Sequence[Row], methods: Mapping[str, Method]) -> Iterator[str]
         " the best of them.\n\nThe devices here are exactly as they state, and their clocks are"
         " steady; the attacks have this page's budget. In the audit, with other devices, encoders"
         f" and clocks, of the methods without a leak to which it loses here these leak:"
-        f" {leaky or 'none'}. None of the others has a proof that covers encoder and clock.\n"
+        f" {leaky or 'none'}. No method beside the certified laws has a proof that covers both.\n"
     )
     heads = (
         "figure",
@@ -165,6 +165,8 @@ def _verdicts(found: Sequence[Worst], promises: Mapping[tuple[str, str], str]) -
         if promises[one.method, one.device] == "**no**":
             gave = f"`{one.method}` gave {energy(-one.energy)} on the {one.device}"
             yield f"**{gave}: a broken promise.**\n"
+    if "**no**" not in promises.values():
+        yield "No method broke its own promise. The energy below is what the hand got.\n"
     for device in dict.fromkeys(one.device for one in found):
         own = [one for one in found if one.device == device]
         kept = ", ".join(f"`{one.method}`" for one in own if not one.leaks) or "none"

@@ -22,9 +22,7 @@ from forcebound_proofs.league.places import TABLES, Place, places
 from forcebound_proofs.league.scores import Worst, worst
 from forcebound_proofs.views import check_page, write_page
 
-SMOKE = (
-    "\n\n**A page of `--small` is a smoke test**: four evaluations are samples, no tuning."
-)
+SMOKE = "\n\n**A page of `--small` is a smoke test**: four evaluations are samples, no tuning."
 SMALL = Budget(tuning=4, attacks=(4, 8), seconds=1.5, long=5.0, attacked=1.0)
 
 
