@@ -149,7 +149,9 @@ def sensitivity(
 
 
 def league(
-    is_small: bool = opt.flag("A few places and a small budget: a minute or two.", "--small"),
+    is_small: bool = opt.flag(
+        "A smoke test: few places, a small budget; two minutes on an idle machine.", "--small"
+    ),
     files: tuple[str, ...] = opt.repeated(
         "File of a law or controller that plays, too; repeatable.", "--method", metavar="FILE.py"
     ),
@@ -160,6 +162,7 @@ def league(
         default=Path("league.parquet"),
         show_default=True,
     ),
+    drawn: Path | None = opt.file("Draw the page of this finished table; play nothing.", "--from"),
     restart: bool = opt.flag("Discard what an earlier league left of the table."),
     workers: int | None = opt.workers,
     as_json: bool = opt.as_json,
@@ -174,7 +177,7 @@ def league(
     forcebound league --method my_law.py -o my_league.md --table my_league.parquet
     """
     with continued("the same command"):
-        found = leagues.play(leagues.Options(out, rows, files, is_small, restart, workers))
+        found = leagues.play(leagues.Options(out, rows, files, is_small, restart, workers, drawn))
     print_document(found, as_json, leagues.lines)
     sys.exit(0 if leagues.holds(found) else 1)
 

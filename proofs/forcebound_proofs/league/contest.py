@@ -88,10 +88,11 @@ class Contest(NamedTuple):
         """Play; a row for each evaluation of the tuning, and for each run after it."""
         tuning = list(self._tune())
         best = min(tuning, key=lambda row: float(row["cost"]), default={"numbers": "{}"})
-        numbers = json.loads(best["numbers"])
+        is_tuned = len({row["cost"] for row in tuning}) > 1
+        numbers = json.loads(best["numbers"]) if is_tuned else {}  # all equal: the defaults
         words = self.method.with_numbers(numbers)
         cells = [
-            self._row(CELL, place, words, hand=hand, numbers=best["numbers"])
+            self._row(CELL, place, words, hand=hand, numbers=json.dumps(numbers))
             for place in self.places
             for hand in place.hands
         ]

@@ -3,6 +3,7 @@
 To add a method: one entry of ``methods`` in ``league.yaml``.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -24,20 +25,36 @@ class Method(NamedTuple):
     promise: str  # what it says of itself, in a few words
     source: str
     numbers: Mapping[str, Range] = {}  # to be tuned; none: it has none of its own
+    excuse: str = ""  # why energy given to the hand breaks no promise of it
+    condition: Mapping[str, Any] = {}  # of its promise: network, weights of numbers, most
+    audit: str = "–"  # lowest energy in the audit
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Words:
-        """Return the words with these numbers in them."""
+        """Return the words with these numbers in them; without any, those of the defaults."""
+        if not numbers:
+            given = (re.sub(r"\(.*{.*\)", "", word) for word in self.words)
+            return tuple(word for word in given if "{" not in word)
         return tuple(word.format(**numbers) for word in self.words)
 
+    def is_met(self, row: Mapping[str, Any], numbers: Mapping[str, float]) -> bool:
+        """Return whether the condition of its promise holds in a run, with these numbers."""
+        if not self.condition:
+            return True
+        weights = self.condition["weights"]
+        # without numbers of a tuning it has its defaults, which meet it
+        total = sum(weights[name] * value for name, value in numbers.items())
+        return bool(row["network"] == self.condition["network"] and total <= self.condition["most"])
 
-def _read(words: Sequence[str], promise: str, source: str, **rest: Any) -> Method:
-    numbers = {name: Range(**row) for name, row in rest.get("numbers", {}).items()}
-    return Method(tuple(words), promise, source, numbers)
+
+def _read(words: Sequence[str], numbers: Mapping[str, Any] = {}, **rest: Any) -> Method:
+    ranges = {name: Range(**row) for name, row in numbers.items()}
+    return Method(tuple(words), numbers=ranges, **rest)
 
 
 METHODS = {name: _read(**row) for name, row in TABLES["methods"].items()}
 CERTIFIED = "certified"  # the one that others are compared with
 _OF_A_USER = ("what its author says", "a file of yours")
+_ASK = "its author knows"
 OURS = ("certified", "certified_fading", "certified_deadband")
 
 
@@ -58,7 +75,7 @@ def method_of_file(kind: str) -> tuple[Method, object]:
             words = str(no_law) if str(no_law) == str(error) else f"{no_law}; {error}"
             raise ConfigError(f"--method: expected a law or a controller: {words}") from None
     else:
-        return Method((f"law:={name}",), *_OF_A_USER), LAWS[name]
+        return Method((f"law:={name}",), *_OF_A_USER, excuse=_ASK), LAWS[name]
     model = CONTROLLERS[name]
     floats = [key for key, field in fields_of(model).items() if type(field.default) is float]
     own = (f"controller.{key}:={{{key}}}" for key in floats)
@@ -66,6 +83,7 @@ def method_of_file(kind: str) -> tuple[Method, object]:
         ("law:=none", f"controller:={name}", *own),
         *_OF_A_USER,
         {key: ranges_of(model)[key] for key in floats},
+        _ASK,
     ), model
 
 

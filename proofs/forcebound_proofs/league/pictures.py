@@ -19,7 +19,7 @@ from forcebound_proofs.league.places import DELAYS, PHANTOM, SHAKER, SOFT_STIFFN
 from forcebound_proofs.league.scores import SCORES, cells, leaks, leaky, lowest, worst
 
 #: Of methods that are no laws of the maps: the muted scheme of P. Tol, 2021.
-OTHERS = ("#882255", "#117733", "#999933", "#332288", "#AA4499", "#661100", "#000000", "#44AA99")
+OTHERS = ("#882255", "#117733", "#999933", "#332288", "#AA4499", "#661100", "#44AA99")
 LEAST = 1e-6  # J, at the left of the picture of energies
 MARKERS = {
     CELL: ("o", "hands of the places"),
@@ -51,12 +51,13 @@ def _stiffness(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -> N
     """Two panels: methods without a leak, and the others; a ring where one gave energy."""
     figure, panels = drawing.rows_of(2, height=3.4)
     played = cells(rows)
-    at = [one for delay in DELAYS if (one := Place(PHANTOM, WALL, delay)) in played]
+    at = [Place(PHANTOM, WALL, delay) for delay in DELAYS]  # one not played is a gap
     turns = np.arange(len(at), dtype=float)
     for method in colours:
         axes = panels[(method, PHANTOM) in leaky(rows)]
-        own = [played[place][method] for place in at]
-        values = np.array([(SCORES[0].of(one) or 0.0) / 1e3 for one in own])
+        own = [played.get(place, {}).get(method, []) for place in at]
+        felt = [(SCORES[0].of(one) or 0.0) / 1e3 if one else np.nan for one in own]
+        values = np.array(felt)
         _drawn(axes, method, colours, turns, values)
         given = np.array([leaks(lowest(one)) for one in own])
         ring: dict[str, Any] = {"markersize": 10, "markeredgecolor": NOT_PASSIVE, "color": "none"}

@@ -1,11 +1,14 @@
 """Command ``forcebound league``: all methods in all places, their table, page and pictures."""
 
+import sys
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple
 
+from forcebound.errors import ConfigError
 from forcebound.files import check_writable
-from forcebound.lab.engine import Campaign, Row, run
+from forcebound.lab.engine import Campaign, run
 from forcebound.lab.views import table
 from forcebound.lab.workers import local_executor
 from forcebound.run.progress import progress_bar
@@ -19,6 +22,7 @@ from forcebound_proofs.league.places import TABLES, Place, places
 from forcebound_proofs.league.scores import Worst, worst
 from forcebound_proofs.views import check_page, write_page
 
+SMOKE = "\n\n**A page of `--small` is a smoke test**: four evaluations are samples, no tuning."
 SMALL = Budget(tuning=4, attacks=(4, 8), seconds=1.5, long=5.0, attacked=1.0)
 
 
@@ -31,6 +35,7 @@ class Options(NamedTuple):
     is_small: bool = False
     restart: bool = False
     workers: int | None = None
+    drawn: Path | None = None  # finished table, to draw without playing
 
     @property
     def command(self) -> str:
@@ -47,10 +52,12 @@ def play(options: Options) -> list[Worst]:
         ConfigError: If a file of a method is wrong, or something cannot be written.
     """
     check_page(options.out)
+    methods, parts = methods_of.chosen(options.files)
+    if options.drawn:
+        return _draw(options.drawn, methods, options)
     check_writable(options.rows, "the table")
     optimiser()
     budget = SMALL if options.is_small else Budget()
-    methods, parts = methods_of.chosen(options.files)
     played = places(options.is_small)
     contests = [
         Contest(name, method, own, budget)
@@ -58,23 +65,44 @@ def play(options: Options) -> list[Worst]:
         if (own := tuple(place for place in played if place.device == device))
         for name, method in methods.items()
     ]
-    campaign = Campaign("league", contests, part=1, decisive=[TABLES, *parts])
-    with progress_bar("league") as show, local_executor(options.workers) as executor:
-        rows = run(campaign, executor, show, options.rows, options.restart, options.restart).rows
-    _write(rows, methods, budget, options)
-    return worst(rows)
+    about = {"command": options.command, "version": version("forcebound")}
+    campaign = Campaign("league", contests, part=1, decisive=[TABLES, *parts], about=about)
+    with progress_bar("league") as bar, local_executor(options.workers) as executor:
+        show = bar if sys.stderr.isatty() else _say
+        run(campaign, executor, show, options.rows, options.restart, options.restart)
+    return _draw(options.rows, methods, options)
 
 
-def _write(
-    rows: list[Row], methods: dict[str, methods_of.Method], budget: Budget, options: Options
-) -> None:
+def _say(done: int, total: int) -> None:
+    print(f"league: {done} of {total} runs", file=sys.stderr, flush=True)
+
+
+def _draw(file: Path, methods: dict[str, methods_of.Method], options: Options) -> list[Worst]:
+    """Write page and pictures of a finished table."""
+    from forcebound.lab.table import read_table
     from forcebound_proofs.league import pictures  # slow to import
 
+    content = read_table(file)
+    rows, about = content.rows, content.about
+    own = {row["method"] for row in rows}
+    if unknown := own - methods.keys():
+        raise ConfigError(f"{file} has runs of {', '.join(unknown)}: give its file with --method")
+    methods = {name: one for name, one in methods.items() if name in own}
+    is_small = {row["network"] for row in rows} <= {one.network for one in places(is_small=True)}
+    made_by = (
+        f"    {about.get('command', 'forcebound league')}\n\n"  # older tables have none
+        f"played these runs (forcebound {about.get('version', '0.2.0')}, digest"
+        f" {about['digest'][:12]}), and `forcebound league --from {file.name}` draws this page from"
+        " their table."
+    )
     names = ("stiffness", "transparency", "energy")
     files = {one: options.out.with_name(f"{options.out.stem}_{one}.png") for one in names}
     pictures.draw(rows, files)
     shown = {one: file.name for one, file in files.items()}
-    write_page(options.out, page(rows, methods, budget, options.command, shown))
+    budget = SMALL if is_small else Budget()
+    lines = page(rows, methods, budget, f"{made_by}{SMOKE if is_small else ''}", shown)
+    write_page(options.out, lines)
+    return worst(rows)
 
 
 def holds(found: list[Worst]) -> bool:

@@ -1,6 +1,5 @@
 """What the runs of a method in a place amount to, and where the certified law loses."""
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from statistics import mean
 from typing import NamedTuple, TypeAlias
@@ -10,7 +9,7 @@ from forcebound.lab.engine import Row
 from forcebound.lab.views import groups
 from forcebound.units import DB, HZ, N_MM, NUMBER, WHOLE, Everyday, N
 from forcebound_proofs.attack import RANDOM, SEARCH
-from forcebound_proofs.league.contest import CELL, ENERGY, MASS, SHARE, TUNING
+from forcebound_proofs.league.contest import CELL, ENERGY, MASS, TUNING
 from forcebound_proofs.league.methods import CERTIFIED, OURS
 from forcebound_proofs.league.places import CARRIER, FREE, PERSONS, SHAKER, TOUCHED, Place
 
@@ -28,6 +27,10 @@ class Score(NamedTuple):
     of: Figure  # of the runs in cells
     is_higher_better: bool
     least: float = 0.0  # difference, in SI units, that is called a loss
+
+    def counted(self, value: float, place: Place) -> float:
+        """Return a value as it is compared: a wall that feels stiffer than it is, is no better."""
+        return min(value, place.stiffness) if self.unit is N_MM else value
 
     def show(self, value: float | None) -> str:
         """Return a value without its unit."""
@@ -50,19 +53,30 @@ class Loss(NamedTuple):
     theirs: float
 
 
-def _felt(key: str, join: Callable[[list[float]], float], at_rest: bool = False) -> Figure:
-    """Return what persons felt, by a key of their runs; ``at_rest``: one that moves felt 0."""
+def _persons(rows: Sequence[Row]) -> list[Row]:
+    return [row for row in rows if row["hand"] in PERSONS and row["world"] in TOUCHED]
+
+
+def _felt(key: str, join: Callable[[list[float]], float]) -> Figure:
+    """Return what persons felt, by a key of their runs."""
 
     def of(rows: Sequence[Row]) -> float | None:
-        runs = [row for row in rows if row["hand"] in PERSONS and row["world"] in TOUCHED]
-        values = [row.get(key) for row in runs]
-        if at_rest:
-            pairs = zip(runs, values, strict=True)
-            values = [(value or 0.0) * bool(row.get("at_rest")) for row, value in pairs]
-        known = [value for value in values if value is not None]
+        known = [row[key] for row in _persons(rows) if row.get(key) is not None]
         return join(known) if known else None
 
     return of
+
+
+def _stiffness(rows: Sequence[Row], key: str = "displayed_stiffness_n_per_m") -> float | None:
+    """Return the stiffness that persons felt; one that moves felt 0."""
+    values = [(row.get(key) or 0.0) * bool(row.get("at_rest")) for row in _persons(rows)]
+    return mean(values) if values else None
+
+
+def _hardness(rows: Sequence[Row]) -> float | None:
+    """Return the hardness at contact; without one where a person's hand does not come to rest."""
+    is_at_rest = all(row.get("at_rest") for row in _persons(rows))
+    return _felt("extended_rate_hardness_n_per_m", mean)(rows) if is_at_rest else None
 
 
 def _strongest(decibels: Sequence[float]) -> float:
@@ -88,14 +102,8 @@ def _in_the_air(rows: Sequence[Row]) -> float | None:
 
 
 SCORES = (
-    Score(
-        "stiffness felt", N_MM, _felt("displayed_stiffness_n_per_m", mean, at_rest=True), True, 10.0
-    ),
-    Score("share of it", WHOLE, _felt(SHARE, mean, at_rest=True), True, 0.01),
-    Score("rate-hardness", N_MM, _felt("rate_hardness_n_per_m", mean), True, 10.0),
-    Score(
-        "extended rate-hardness", N_MM, _felt("extended_rate_hardness_n_per_m", mean), True, 10.0
-    ),
+    Score("stiffness felt", N_MM, _stiffness, True, 10.0),
+    Score("extended rate-hardness", N_MM, _hardness, True, 10.0),
     Score("error to the wall", N, _felt("wall_error_rms_n", mean), False, 0.02),
     Score("contact bounces", NUMBER, _felt("contact_bounces", mean), False, 0.5),
     Score(
@@ -190,8 +198,9 @@ def losses(rows: Sequence[Row], with_leaks: bool) -> Iterator[Loss]:
             }
             sign = 1.0 if score.is_higher_better else -1.0
             best = max(others, key=lambda name: sign * others[name], default=None)
-            most = place.stiffness if score.unit is N_MM else math.inf  # a wall is no stiffer
-            if best is not None and score.is_better(min(others[best], most), min(ours, most)):
+            if best is not None and score.is_better(
+                score.counted(others[best], place), score.counted(ours, place)
+            ):
                 yield Loss(score, place, ours, best, others[best])
 
 
