@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -88,8 +88,7 @@ class Contest(NamedTuple):
         """Play; a row for each evaluation of the tuning, and for each run after it."""
         tuning = list(self._tune())
         best = min(tuning, key=lambda row: float(row["cost"]), default={"numbers": "{}"})
-        is_tuned = len({row["cost"] for row in tuning}) > 1
-        numbers = json.loads(best["numbers"]) if is_tuned else {}  # all equal: the defaults
+        numbers = {} if is_level(tuning) else json.loads(best["numbers"])
         words = self.method.with_numbers(numbers)
         cells = [
             self._row(CELL, place, words, hand=hand, numbers=json.dumps(numbers))
@@ -172,6 +171,11 @@ class Contest(NamedTuple):
 
 def _code(random: np.random.Generator) -> str:
     return encode((int(random.integers(NOISES)),), random.random(len(ATTACKER)).tolist())
+
+
+def is_level(tuning: Sequence[Row]) -> bool:
+    """Return whether all evaluations cost the same, to 0.1 %: nothing to choose by."""
+    return len({round(float(row["cost"]), 3) for row in tuning}) == 1
 
 
 def _judged(runs: list[Row]) -> Row:

@@ -11,7 +11,7 @@ from forcebound.results.perception import WEBER_FRACTIONS
 from forcebound.units import DB
 from forcebound.units import energy_in_words as energy
 from forcebound_proofs.attack import RANDOM, SEARCH
-from forcebound_proofs.league.contest import CELL, ENERGY, TUNING, Budget
+from forcebound_proofs.league.contest import CELL, ENERGY, TUNING, Budget, is_level
 from forcebound_proofs.league.methods import CERTIFIED, Method
 from forcebound_proofs.league.places import (
     ATTACKER,
@@ -329,7 +329,7 @@ def _tuned(rows: Sequence[Row]) -> Iterator[str]:
         )
         numbers = ", ".join(f"{name} {value:g}" for name, value in played.items()) or "the defaults"
         felt = f"{-best['cost']:.1%}" if best["cost"] <= 0.0 else "gives energy"
-        if len({row["cost"] for row in own}) == 1:
+        if is_level(own):
             felt = f"{felt}; not tuned: all evaluations equal"
         giving = sum(leaks(row["energy_j"]) for row in own)
         lines.append((f"`{method}`", device, len(own), giving, numbers, felt))
