@@ -5,12 +5,22 @@ import re
 import subprocess
 import sys
 import tomllib
+from importlib.metadata import PackageNotFoundError, metadata
 from pathlib import Path
 
 import pytest
+from packaging.specifiers import SpecifierSet
 
 ROOT = Path(__file__).parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+
+
+def installed(name: str) -> bool:
+    try:
+        metadata(name)
+    except PackageNotFoundError:
+        return False
+    return True
 
 
 def rooms() -> set[str]:
@@ -65,6 +75,16 @@ def test_no_commit_names_an_address_or_a_home() -> None:
         text = (ROOT / name).read_text()
         assert "://" not in text.replace("ipc://", "")
         assert not re.search(r"/(home|root|Users)/", text)
+
+
+def test_every_tested_version_accepts_the_oldest_python_that_is_promised() -> None:
+    """A package may ask for more than a minor version: soupsieve 3 did for 3.11.5."""
+    oldest = PROJECT["project"]["requires-python"].removeprefix(">=") + ".0"
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    names = [line.partition("==")[0] for line in lines if "==" in line]
+    asked = {name: metadata(name)["Requires-Python"] or "" for name in names if installed(name)}
+    assert [name for name, asks in asked.items() if oldest not in SpecifierSet(asks)] == []
+    assert len(asked) > 0.5 * len(names)
 
 
 def test_the_tests_of_a_file_stay_together(request: pytest.FixtureRequest) -> None:
