@@ -37,5 +37,5 @@ def test_a_page_draws_a_part_of_a_large_cloud_and_nothing_of_a_file_that_has_cha
     cloud = {"shape": "points", "file": str(file), "size": [0.1], "digest": digest}
     drawn = content(cloud)
     assert drawn is not None
-    assert np.array(drawn["points"]) == pytest.approx(0.1 * points[::3])
+    assert np.array(drawn["points"]) == pytest.approx(0.1 * points[::3], abs=1e-6)
     assert content({**cloud, "digest": "0" * 64}) is None

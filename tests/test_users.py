@@ -42,7 +42,8 @@ from forcebound.messages.packets import (
 )
 from forcebound.nodes.environment import EnvironmentNode
 
-SHARED = {"mass_spring", "bodies", "membrane", "coupling"}  # a hand feels what others do
+# A hand feels what others do; the cup is held by one hand alone.
+SHARED = {"mass_spring", "bodies", "membrane", "coupling", "cart_pendulum"}
 
 
 class Noted(Environment):

@@ -226,9 +226,9 @@ def with_device_file(root: Value, problems: Problems, arguments: Substitution) -
             kind, meant = (one.entries.get("kind") for one in (base, own))
             if kind is not None and meant is not None and kind.plain != meant.plain:
                 raise ConfigError(
-                    f"{path} was measured on a {kind.plain}; this launch file has a {meant.plain}."
-                    f" Include a launch file with a {kind.plain} instead, or run"
-                    f" `forcebound identify {meant.plain}`"
+                    f"{path} is of a {kind.plain}; this launch file has a {meant.plain}. With a"
+                    f" {kind.plain}, write kind: {kind.plain} beside include, or include a launch"
+                    f" file of one; else run `forcebound identify {meant.plain}`"
                 )
         except ConfigError as error:
             problems.add(str(error), named.place)
