@@ -15,7 +15,7 @@ class Ports:
 
     def __init__(self, controllers: Mapping[str, ControllerModel], axes: int) -> None:
         self._controllers, self._axes = controllers, axes
-        self._ports: dict[str, SecondPort] = {}
+        self._ports: dict[str, SecondPort | None] = {}
         self._newest: dict[str, EnvironmentQuery] = {}
 
     def takes(self, query: EnvironmentQuery) -> bool:

@@ -230,6 +230,7 @@ def test_waves_stay_passive_at_a_stiff_wall_where_its_late_force_alone_does_not(
 def test_a_second_port_answers_with_numbers_that_it_declares(method: str, axes: int) -> None:
     model, random = METHODS[method], Random(1)
     port = model.open_port(axes)
+    assert port is not None
     signals = {signal.name: 1e-3 for signal in model.signals}
     for seq in range(200):
         place, speed = (tuple(random.uniform(-0.01, 0.01) for _ in range(axes)) for _ in "xv")

@@ -21,7 +21,10 @@ from forcebound.quantities import POSITIVE, Inertia, Name, Range, Time
 # on two cores the longest of 200 000 replies took 33 ms.
 LIMIT, EMULATED_LIMIT = 0.02, 0.1
 SILENT = "is this the port of the board that the launch file names, does it have power?"
-STARVED = 'the emulator got no processor for so long: try again, or watchdog_limit:="100 ms"'
+STARVED = (
+    "the emulator got no processor for so long (try again, or"
+    ' watchdog_limit:="100 ms"), or has a fault that was asked for'
+)
 FIRST_EXCHANGES = 50  # without force, for the quickest exchange
 LONGEST_WAIT = 0.5  # s, for a board that has not been given a force yet
 
@@ -110,7 +113,7 @@ class Exchange(NamedTuple, Generic[Reply]):
 class Exchanges:
     """Exchanges with the board on a line, counted; one is late by ``within`` s after the quickest.
 
-    ``silent`` says what to try when none comes.
+    ``silent`` says what to try when none comes from a real board.
 
     Attributes:
         longest_wait: A board that is silent for longer is lost, in s.
@@ -120,10 +123,10 @@ class Exchanges:
     """
 
     def __init__(
-        self, line: Line, within: float, clock: Callable[[], int], silent: str | None = None
+        self, line: Line, within: float, clock: Callable[[], int], silent: str = SILENT
     ) -> None:
         self._line, self._clock = line, clock
-        self._silent = silent or (SILENT if line.truth is None else STARVED)
+        self.silent = silent if line.truth is None else STARVED
         self._late_ns = round(within * 1e9)
         self._quickest_ns: dict[str, int] = {}
         self.longest_wait = line.silence
@@ -148,7 +151,7 @@ class Exchanges:
             data = receive(sent_ns + round(self.longest_wait * 1e9))
             came_ns = self._clock()
             if not data:
-                raise DeviceError(f"no reply within {1e3 * self.longest_wait:g} ms: {self._silent}")
+                raise DeviceError(f"no reply within {1e3 * self.longest_wait:g} ms: {self.silent}")
             reply = parse(data)
         except DeviceError as failure:
             self._line.fail(failure)

@@ -10,6 +10,8 @@ from forcebound.hardware.line import Line
 from forcebound.hardware.port import CHUNK
 from forcebound.hardware.serial_device import LONGEST_WAIT, Exchange, Exchanges
 
+SILENT = "look at its power, its cable, its id and baud rate"
+
 
 class Bus(Exchanges):
     """Requests to servos, by id, each in words in ``names``; ``frames``: a protocol's module."""
@@ -22,7 +24,7 @@ class Bus(Exchanges):
         frames: Any,
         names: Mapping[int, str],
     ) -> None:
-        super().__init__(line, within, clock)
+        super().__init__(line, within, clock, SILENT)
         self.longest_wait = max(LONGEST_WAIT, line.silence)
         self._frames, self.names = frames, names
 
@@ -113,9 +115,8 @@ class Bus(Exchanges):
     def _miss(self, servo: int, rest: bytes = b"") -> NoReturn:
         cut = f", but {rest.hex(' ')}" if rest else ""
         raise DeviceError(
-            f"{self.names[servo]} has not answered within {1e3 * self.longest_wait:g} ms{cut}: look"
-            " at its power, its cable, its id and baud rate (of an emulator: it may have got no"
-            " processor: see `forcebound doctor`, or take a longer watchdog_limit)"
+            f"{self.names[servo]} has not answered within {1e3 * self.longest_wait:g} ms{cut}:"
+            f" {self.silent}"
         )
 
 

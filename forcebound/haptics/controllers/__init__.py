@@ -94,9 +94,9 @@ class ControllerModel(Publishing, ABC):
     def open(self, axes: int) -> Controller:
         """Return a new controller in its initial state, for vectors of this many entries."""
 
-    def open_port(self, axes: int) -> SecondPort:
-        """Return a new second port, for vectors of this many entries."""
-        raise NotImplementedError
+    def open_port(self, axes: int) -> SecondPort | None:
+        """Return a new second port, for vectors of this many entries; None if the kind has none."""
+        return None
 
     def cautions(self, damping: float, period: float, delay: float) -> Sequence[str]:
         """Return what to know about the parameters before a start, a sentence each; it is logged.

@@ -51,6 +51,7 @@ from forcebound.haptics.parts.signals import Signal
 from forcebound.messages.packets import DeviceState, EnvironmentQuery, EnvironmentReply, Vector
 from forcebound.quantities import POSITIVE, Damping, Frequency, Ranged, Time
 
+_SENT = ("wave_time", "energy_in", "energy_out")
 TRIES, EXACT = 40, 1e-6  # of the implicit step: at most, and the relative error that ends it
 
 
@@ -71,9 +72,9 @@ class WaveVariables(Ranged, ControllerModel):
     answers_states = True
     takes_contacts = False
     signals = (
-        Signal("wave_time", "s", "time that the wave of this query stands for"),
-        Signal("energy_in", "J", "of the waves to the environment"),
-        Signal("energy_out", "J", "of the waves from it"),
+        Signal(_SENT[0], "s", "time that the wave of this query stands for"),
+        Signal(_SENT[1], "J", "of the waves to the environment"),
+        Signal(_SENT[2], "J", "of the waves from it"),
     )
     port_signals = (
         Signal("port_energy_in", "J", "of the waves that the environment sent"),
@@ -113,7 +114,7 @@ class HandPort(Controller):
         self._sent[state.seq] = self._wave, dt
         if len(self._sent) > REMEMBERED:
             del self._sent[next(iter(self._sent))]
-        self.signal_all([one.name for one in self._model.signals], (dt, self._entered, self._left))
+        self.signal_all(_SENT, (dt, self._entered, self._left))
         if self._heard_ns < 0 or time_ns - self._heard_ns > self._model.hold * 1e9:
             return None
         resisting = along(self._zero, state.velocity, self._model.impedance)

@@ -50,6 +50,8 @@ from forcebound.quantities import (
 )
 
 AnyRatio: TypeAlias = Annotated[Ratio, Range()]  # finite
+JOINING = 1.0  # s, in which the force grows on a hand whose partner comes while it has force
+_STARTING = 0.05  # s; a hand that has force for so short a time is still on its own device's ramp
 #: ``C_4``, ``C_2`` and ``C_3`` of each architecture.
 GAINS = {
     "position_position": (1.0, 0.0, 0.0),
@@ -140,8 +142,6 @@ class Coupling(EnvironmentModel):
         return _Coupled(self, axes)
 
 
-JOINING = 1.0  # s, in which the force grows on a hand whose partner comes while it has force
-_STARTING = 0.05  # s; a hand that has force for so short a time is still on its own device's ramp
 _OF_AXES = ("stiffness", "damping", "scale", "force_scale")
 
 

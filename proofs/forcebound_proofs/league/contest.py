@@ -2,9 +2,9 @@
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 from zlib import crc32
 
@@ -128,9 +128,7 @@ class Contest(NamedTuple):
         at_random, searched = self.budget.attacks
         for _ in range(at_random):
             yield self._attacked(RANDOM, place, words, _code(random))[0]
-        attack: Callable[[str], tuple[Row, float]] = lambda code: self._attacked(  # noqa: E731
-            SEARCH, place, words, code
-        )
+        attack = partial(self._attacked, SEARCH, place, words)
         yield from search(attack, (), len(ATTACKER), searched, random)
 
     def _attacked(self, kind: str, place: Place, words: Words, code: str) -> tuple[Row, float]:

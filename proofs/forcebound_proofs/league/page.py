@@ -112,7 +112,8 @@ def _losses(rows: Sequence[Row], methods: Mapping[str, Method]) -> Iterator[str]
         " the best of them.\n\nThe devices here are exactly as they state, and their clocks are"
         " steady; the attacks have this page's budget. In the audit, with other devices, encoders"
         f" and clocks, of the methods without a leak to which it loses here these leak:"
-        f" {leaky or 'none'}. No method beside the certified laws has a proof that covers both.\n"
+        f" {leaky or 'none'}. Only the certified laws of this league promise a bound that covers"
+        " both.\n"
     )
     heads = (
         "figure",
