@@ -99,7 +99,9 @@ def launch_line(take: Take) -> str:
 
 
 @click.command()
-@click.argument("names", nargs=-1, type=click.Choice([*films(), *PICTURES, *plots()]))
+@click.argument(
+    "names", nargs=-1, type=click.Choice([*films(), *PICTURES, *plots()]), metavar="[NAME]..."
+)
 def main(names: tuple[str, ...]) -> None:
     """Make the named films and pictures, or all: one world is ``gallery push_boxes``."""
     chosen = [name for name in (*films(), *PICTURES) if name in names or not names]

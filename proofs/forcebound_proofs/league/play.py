@@ -54,6 +54,8 @@ def play(options: Options) -> list[Worst]:
     check_page(options.out)
     methods, parts = methods_of.chosen(options.files)
     if options.drawn:
+        if not options.drawn.exists():
+            raise ConfigError(f"--from: there is no {options.drawn}; the league makes a table")
         return _draw(options.drawn, methods, options)
     check_writable(options.rows, "the table")
     optimiser()
