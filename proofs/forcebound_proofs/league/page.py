@@ -1,10 +1,12 @@
 """The page of the league, made whole from its rows; its text is ``league.md`` beside this file."""
 
 import json
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from forcebound.haptics.laws import ENERGY_TOLERANCE
 from forcebound.lab.engine import Row
 from forcebound.lab.views import groups, table
 from forcebound.results.perception import WEBER_FRACTIONS
@@ -25,6 +27,7 @@ from forcebound_proofs.league.places import (
     Place,
 )
 from forcebound_proofs.league.scores import (
+    LITTLE,
     LOST_BY,
     SCORES,
     Loss,
@@ -98,46 +101,46 @@ def _against(loss: Loss) -> str:
 
 
 def _losses(rows: Sequence[Row], methods: Mapping[str, Method]) -> Iterator[str]:
-    """Yield where the certified law loses: in all, by figure, and each loss to a passive method."""
-    passive, every = (list(losses(rows, with_leaks)) for with_leaks in (False, True))
-    count = sum(compared(rows, score) for score in SCORES)
+    """Yield where the certified law loses: in all, by figure, and each loss to a safer method."""
+    safer, every = (list(losses(rows, most)) for most in (LITTLE, math.inf))
+    count, little = sum(compared(rows, score) for score in SCORES), energy(LITTLE)
+    none = sum(1 for _ in losses(rows, ENERGY_TOLERANCE))
     leaky = ", ".join(
         f"`{name}` ({methods[name].audit})"
-        for name in dict.fromkeys(loss.method for loss in passive)
+        for name in dict.fromkeys(loss.method for loss in safer)
         if methods[name].audit.startswith("-")
     )
     yield (
-        f"In {count} comparisons `{CERTIFIED}` loses **{len(passive)}** to methods of which no"
-        f" leak was found on that device, and **{len(every)}** to any method. It is compared with"
-        " the best of them.\n\nThe devices here are exactly as they state, and their clocks are"
-        " steady; the attacks have this page's budget. In the audit, with other devices, encoders"
-        f" and clocks, of the methods without a leak to which it loses here these leak:"
-        f" {leaky or 'none'}. Only the certified laws of this league promise a bound that covers"
-        " both.\n"
+        f"In {count} comparisons `{CERTIFIED}` loses **{len(every)}** to any method,"
+        f" **{len(safer)}** to methods that gave a hand of that device at most {little}, and"
+        f" **{none}** to methods of which no leak was found on it. It is compared with the best of"
+        " them.\n\nThe devices"
+        " here are exactly as they state, and their clocks are steady; the attacks have this"
+        " page's budget. In the audit, with other devices, encoders and clocks, these of the"
+        f" methods that gave at most {little} here gave more: {leaky or 'none'}. Only the certified"
+        " laws of this league promise a bound that covers both.\n"
     )
     heads = (
         "figure",
         "least difference",
         "places",
-        "lost to methods without a leak",
-        "worst",
         "lost to any",
         "worst",
+        f"lost to methods that gave at most {little}",
+        "worst",
     )
-    yield from table(heads, _by_figure(rows, passive, every))
-    if passive:
-        yield "\nEach loss to a method of which no leak was found:\n"
-        lines = ((loss.score.label, _against(loss)) for loss in passive)
+    yield from table(heads, _by_figure(rows, every, safer))
+    if safer:
+        yield f"\nEach loss to a method that gave at most {little}:\n"
+        lines = ((loss.score.label, _against(loss)) for loss in safer)
         yield from table(("figure", f"place: `{CERTIFIED}`, the other"), lines)
 
 
-def _by_figure(
-    rows: Sequence[Row], passive: Sequence[Loss], every: Sequence[Loss]
-) -> Iterator[list[object]]:
+def _by_figure(rows: Sequence[Row], *kinds: Sequence[Loss]) -> Iterator[list[object]]:
     for score in SCORES:
         least = f"{score.least * score.unit.factor:g} {score.unit.unit}"
         line: list[object] = [score.label, least, compared(rows, score)]
-        for lost in (passive, every):
+        for lost in kinds:
             own = [loss for loss in lost if loss.score is score]
             line += [len(own), _against(max(own, key=_gap)) if own else "–"]
         yield line

@@ -11,12 +11,13 @@ from forcebound.lab.engine import Row
 from forcebound.results.colours import LAW_COLOURS, NEUTRAL, NOT_PASSIVE
 from forcebound.results.plots import save
 from forcebound.results.surface import Floats
+from forcebound.units import energy_in_words
 from forcebound_proofs import drawing
 from forcebound_proofs.attack import RANDOM, SEARCH
 from forcebound_proofs.league.contest import CELL
 from forcebound_proofs.league.methods import CERTIFIED
 from forcebound_proofs.league.places import DELAYS, PHANTOM, SHAKER, SOFT_STIFFNESS, WALL, Place
-from forcebound_proofs.league.scores import SCORES, cells, leaks, leaky, lowest, worst
+from forcebound_proofs.league.scores import LITTLE, SCORES, cells, giving, leaks, lowest, worst
 
 #: Of methods that are no laws of the maps: the muted scheme of P. Tol, 2021.
 OTHERS = ("#882255", "#117733", "#999933", "#332288", "#AA4499", "#661100", "#44AA99")
@@ -48,13 +49,13 @@ def _drawn(axes: Axes, method: str, colours: Mapping[str, str], x: Floats, y: Fl
 
 
 def _stiffness(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -> None:
-    """Two panels: methods without a leak, and the others; a ring where one gave energy."""
+    """Two panels: methods that gave little energy, and the others; a ring where one gave some."""
     figure, panels = drawing.rows_of(2, height=3.4)
     played = cells(rows)
     at = [Place(PHANTOM, WALL, delay) for delay in DELAYS]  # one not played is a gap
     turns = np.arange(len(at), dtype=float)
     for method in colours:
-        axes = panels[(method, PHANTOM) in leaky(rows)]
+        axes = panels[(method, PHANTOM) in giving(rows, LITTLE)]
         own = [played.get(place, {}).get(method, []) for place in at]
         felt = [(SCORES[0].of(one) or 0.0) / 1e3 if one else np.nan for one in own]
         values = np.array(felt)
@@ -62,7 +63,11 @@ def _stiffness(rows: Sequence[Row], colours: Mapping[str, str], file: Path) -> N
         given = np.array([leaks(lowest(one)) for one in own])
         ring: dict[str, Any] = {"markersize": 10, "markeredgecolor": NOT_PASSIVE, "color": "none"}
         axes.plot(turns[given], values[given], "o", **ring)
-    for axes, title in zip(panels, ("no leak found", "gave energy (ring: here)"), strict=True):
+    for axes, title in zip(
+        panels,
+        (f"gave a hand at most {energy_in_words(LITTLE)}", "gave more (ring: some of it here)"),
+        strict=True,
+    ):
         drawing.finish(axes, "stiffness felt (N/mm)", "delay each way")
         axes.set_yscale("symlog", linthresh=0.1)
         axes.set_xticks(turns, [place.network for place in at])

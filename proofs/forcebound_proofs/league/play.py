@@ -39,10 +39,10 @@ class Options(NamedTuple):
 
     @property
     def command(self) -> str:
-        """The command that makes the page."""
+        """The command that plays these runs."""
         own = [f"--method {Path(file).name}" for file in self.files]
         words = [*(["--small"] if self.is_small else []), *own]
-        return " ".join(["forcebound league", *words, f"--output {self.out}"])
+        return " ".join(["forcebound league", *words])
 
 
 def play(options: Options) -> list[Worst]:

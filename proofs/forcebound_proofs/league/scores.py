@@ -15,6 +15,7 @@ from forcebound_proofs.league.places import CARRIER, FREE, PERSONS, SHAKER, TOUC
 
 #: kg, what a carrier feels of both; tests/test_cart_pendulum.py has the formula.
 CUP_AND_BALL = 3.22
+LITTLE = 1e-3  # J; a method that gave no more is compared with the certified law apart
 LOST_BY = 0.05  # of the certified law's figure; less is not called a loss
 Figure: TypeAlias = Callable[[Sequence[Row]], float | None]
 
@@ -176,14 +177,17 @@ def worst(rows: Sequence[Row]) -> list[Worst]:
     return found
 
 
-def leaky(rows: Sequence[Row]) -> set[tuple[str, str]]:
-    """Return method and device where a hand got energy, in cells or attacks."""
-    return {(one.method, one.device) for one in worst(rows) if one.leaks}
+def giving(rows: Sequence[Row], most: float) -> set[tuple[str, str]]:
+    """Return method and device where a hand got more energy than ``most``, in J."""
+    return {(one.method, one.device) for one in worst(rows) if -one.energy > most}
 
 
-def losses(rows: Sequence[Row], with_leaks: bool) -> Iterator[Loss]:
-    """Yield where the best of the other methods is better than the certified law, by figure."""
-    giving = leaky(rows)
+def losses(rows: Sequence[Row], most: float) -> Iterator[Loss]:
+    """Yield where the best of the other methods is better than the certified law, by figure.
+
+    Others are those that gave a hand of the device at most so much, in J, in cells or attacks.
+    """
+    unsafe = giving(rows, most)
     for score in SCORES:
         for place, by_method in cells(rows).items():
             ours = score.of(by_method[CERTIFIED]) if CERTIFIED in by_method else None
@@ -193,7 +197,7 @@ def losses(rows: Sequence[Row], with_leaks: bool) -> Iterator[Loss]:
                 name: value
                 for name, runs in by_method.items()
                 if name not in OURS
-                and (with_leaks or (name, place.device) not in giving)
+                and (name, place.device) not in unsafe
                 and (value := score.of(runs)) is not None
             }
             sign = 1.0 if score.is_higher_better else -1.0
