@@ -87,7 +87,7 @@ FILMS = {
 }
 README = Take(
     "pointer_wall",
-    25.0,
+    26.5,
     begin=10.5,
     moves=INTO_WALL,
     presses=[(15, "break"), (20, "safe")],

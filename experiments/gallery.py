@@ -1,7 +1,7 @@
 """Films and pictures of docs/gallery.md, the live page, README.md and other pages of docs/.
 
-All but those of ``APART`` come from this one command, in some 20 minutes: a film of each world, the
-page's pictures, the plots by the commands that stand below them in the gallery, and the other
+All but those of ``APART`` come from this one command, in some five minutes: a film of each world,
+the page's pictures, the plots by the commands that stand below them in the gallery, and the other
 experiments. All are in virtual time, so on every machine and at any load they show the same.
 """
 

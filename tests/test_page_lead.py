@@ -121,6 +121,27 @@ def test_led_out_and_in_again_it_feels_what_the_law_gives_in_a_fresh_run(fresh: 
     assert min(one.true_energy or 0.0 for one in under) - law.energy >= -ENERGY_TOLERANCE
 
 
+def test_a_hand_that_swung_through_the_surface_is_led_too_and_feels_as_stiff_a_wall(
+    fresh: Felt,
+) -> None:
+    felt = []
+    for is_led in (False, True):
+        visit = Visit("law:=none", "delay:=5 ms")
+        visit.run(0.5)
+        visit.point((DEEP,))
+        visit.run(3.0)
+        swing = [one.position[0] for one in visit.packets[-300:]]
+        assert min(swing) < 0.010 < max(swing)
+        for link in ("environment_query", "environment_reply"):
+            visit.graph.set({f"links.{link}.delay": 0.0})
+        if is_led:
+            visit.lead.begin((DEEP,))
+        visit.change("certified")
+        felt.append(visit.run(6.0).stiffness)
+    assert felt[0] < 0.5 * fresh.stiffness
+    assert felt[1] == pytest.approx(fresh.stiffness, rel=0.1)
+
+
 def test_a_hand_that_is_moved_by_somebody_is_let_be() -> None:
     visit = pressed_without_law()
     visit.lead.begin((DEEP,))

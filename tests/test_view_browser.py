@@ -366,6 +366,7 @@ def test_an_object_is_drawn_where_its_packet_says_with_a_graphics_card_and_witho
 
 
 SAVED = "HTMLAnchorElement.prototype.click = function () { window.saved = this.href; };"
+LATEST = "return Number(document.getElementById('scrub').max)"
 BACK = """
 const scrub = document.getElementById("scrub");
 scrub.value = Number(scrub.min) + arguments[0] * (Number(scrub.max) - Number(scrub.min));
@@ -394,6 +395,9 @@ def test_one_looks_back_saves_a_picture_and_shares_the_layout() -> None:
         assert abs(shown() + 0.005) < 2e-4  # where it was at first
         visitor.until(lambda: "s ago" in visitor.text("note"))
         assert visitor.figure("position") > 10.0  # the run goes on
+        visitor.until(lambda: driver.execute_script(LATEST) > 10.5)
+        driver.execute_script(BACK, 9.5 / driver.execute_script(LATEST))  # as texts 9 is after 10
+        visitor.until(lambda: "s ago" in visitor.text("note"))
         driver.execute_script(BACK, 1.0)
         visitor.until(lambda: shown() > 0.010 and "s ago" not in visitor.text("note"))
 

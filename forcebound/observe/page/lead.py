@@ -2,7 +2,7 @@
 
 The ledger of a law begins empty, and only motion fills it: what a hand does not put in, it cannot
 get. So a hand that was inside when its law began feels a soft wall, however stiff the law is for
-one that presses.
+one that presses. One that swung out and in has spent on the way what it had put in.
 """
 
 from collections.abc import Callable
@@ -11,6 +11,7 @@ from typing import TypeAlias
 from forcebound.messages.packets import Vector
 from forcebound.observe.page.state import LiveState
 
+HELD_NS = 500_000_000  # in contact, after which a hand that swung has settled
 AWAY_NS = 300_000_000  # without contact, after which the hand presses again
 PRESS_NS = 700_000_000  # for the way in: a hand that bounces spends what it has put in
 LONGEST_NS = 3_000_000_000  # that each part takes, at most: a hand that gets nowhere is let be
@@ -51,7 +52,8 @@ class Lead:
         self._since_ns = self._since_ns or now.time_ns
         is_long = now.time_ns - self._since_ns > LONGEST_NS
         if not self._is_out:
-            if self._state.is_inside and self._state.is_short:
+            is_in = self._state.is_inside or self._state.is_held_for(HELD_NS)
+            if is_in and self._state.is_short:
                 self._state.is_led = self._is_out = True
                 self._since_ns = now.time_ns
                 self._move(self._start)

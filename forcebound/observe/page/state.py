@@ -165,7 +165,7 @@ class LiveState:
             known = f"{now.known[0].upper()}{now.known[1:]}. Law {law}."
             return now.kind, f"{now.head}. {motion}", f"{known}{late}"
         cause = self.judged.cause
-        if self.is_inside and is_short and not is_free:
+        if (self.is_inside or self.is_led) and is_short and not is_free:
             again = "The hand lets go, and presses again." if self.is_led else AGAIN
             return now.kind, f"{now.head}. {motion}", f"The hand gets {share}: {EMPTY}. {again}"
         if late and is_short and not is_free and (not cause or "ticks come late" in cause):
@@ -192,6 +192,12 @@ class LiveState:
         """Whether no force has been commanded for so long."""
         since = self._past[-1].time_ns - time_ns
         return not any(_asked(sample) for sample in self._past if sample.time_ns >= since)
+
+    def is_held_for(self, time_ns: int) -> bool:
+        """Whether a force has been commanded for so long, without a pause."""
+        since = self._past[-1].time_ns - time_ns
+        own = (_asked(sample) for sample in self._past if sample.time_ns >= since)
+        return self._past[0].time_ns <= since and all(own)
 
     @property
     def _contact(self) -> tuple[float, float]:

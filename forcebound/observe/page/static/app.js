@@ -13,6 +13,7 @@ const $ = (id) => document.getElementById(id);
 const token = new URLSearchParams(location.search).get("token") ?? "";
 const shown = new Window();
 
+const NOW = 0.05; // s from the right end of the time line that are now
 const SILENT = 1000; // ms without a frame: the signal is lost
 const FRAME = 1000 / 30 - 4; // ms between two pictures, at least
 const AGAIN = 1000; // ms until the next attempt to connect
@@ -237,7 +238,7 @@ $("nearer").addEventListener("click", () => scene.zoom(0.8));
 $("farther").addEventListener("click", () => scene.zoom(1.25));
 $("centre").addEventListener("click", () => scene.centreOn());
 $("pause").addEventListener("click", () => { shown.pause(!shown.isPaused); showTime(); });
-$("scrub").addEventListener("input", () => { shown.scrub($("scrub").value >= $("scrub").max ? null : $("scrub").valueAsNumber); showTime(); });
+$("scrub").addEventListener("input", () => { shown.scrub($("scrub").valueAsNumber > Number($("scrub").max) - NOW ? null : $("scrub").valueAsNumber); showTime(); });
 $("picture").addEventListener("click", () => {
   const states = all.length > 1 ? [...$("each").children].map(({ children }) => [...children].slice(0, 5).map((one) => one.textContent).join("  "))
     : [`${$("state").textContent}  ${$("force").textContent}  ${$("energy").textContent}`, $("why").textContent];
